@@ -5,9 +5,11 @@
     heater:   dT/dt = q u - g (T - T_a)                                 drive u in 0..1
 
 The chain (`sim.model.plate_path`) is simulated from the recorded current over each stretch between gaps, from a first
-temperature of its own, never one step ahead. Parameters maximize the likelihood of `sim.inference.noise`: white noise
-and a slow discrepancy, whose sizes are estimated in turn with the fit. Starts come from the balance integrated over
-windows (L. Ljung, System Identification (Prentice Hall 1999), sec. 7.3, 10.2).
+temperature of its own, never one step ahead. The fit has two steps: the least error of the simulation, whose residual
+gives the noise (`sim.inference.noise`: white noise and a slow discrepancy), then the highest likelihood with that noise.
+Further steps in turn move no parameter by its deviation where the model holds; where it does not, the discrepancy grows
+at the simulation's cost. Starts come from the balance integrated over windows (L. Ljung, System Identification (Prentice
+Hall 1999), sec. 7.3, 10.2).
 
 Where records leave a combination open, what plates have in common decides, as normal priors: `AMBIENT_DEGC`, `SHARE`,
 and of the slopes what is known of the material (`compensator.thermal.plate`). Standard errors leave the first two out.
@@ -72,8 +74,6 @@ SHARE: Final = (0.4, 0.3)  # of the largest current in that of largest cooling, 
 LAG_STARTS_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
 SHORTEST_LAG_S: Final = 0.05  # less is within a row of any record
 LEAST_NOISE_K: Final = 1e-5  # a simulation without noise, to the rounding of its solver
-ROUNDS: Final = 6  # of noise and fit in turn: the likelihood settles in three
-SETTLED: Final = 0.1  # of log-likelihood: a further round would move no parameter by half its deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,7 +392,7 @@ class _Point:
 def fitted(rows: PlateRows, kind: Kind, lag: bool, slopes: bool) -> PlateFit:
     """Fit the plate of rows that were checked."""
     problem = _Problem(rows, kind, False, slopes)
-    plain = _settled(_started(problem))
+    plain = _likeliest(_started(problem))
     if lag:
         plain = _with_lag(plain)
     return _result(plain)
@@ -419,7 +419,9 @@ def _started(problem: _Problem) -> _Point:
         start = np.concatenate((np.append(par, known)[problem.places], firsts))
         tried.append(problem.descend(start, whitening, 8))
     best = min(tried, key=lambda at: at[1])[0]
-    best, _ = problem.descend(best, whitening, 60)
+    for _ in range(2):  # what is known beforehand weighs by what the first one leaves
+        best, _ = problem.descend(best, whitening, 60)
+        whitening = Whitening(Noise(max(float(np.std(problem.residual(best))), LEAST_NOISE_K)), readings)
     # what the least error of a simulation leaves, no discrepancy needs to exceed
     return _measured(problem, best, readings, float(np.std(problem.residual(best))))
 
@@ -439,17 +441,10 @@ def _measured(problem: _Problem, unknowns: Array, readings: Readings, most_slow:
     return _Point(problem, unknowns, noise, readings, likelihood, most_slow)
 
 
-def _settled(at: _Point) -> _Point:
-    """Fit and noise in turn until the likelihood no longer grows."""
-    for _ in range(ROUNDS):
-        unknowns, _ = at.problem.descend(at.unknowns, Whitening(at.noise, at.readings), 40)
-        following = _measured(at.problem, unknowns, at.readings, at.most_slow)
-        gained = following.log_likelihood - at.log_likelihood
-        if gained > 0.0:
-            at = following
-        if gained < SETTLED:
-            break
-    return at
+def _likeliest(at: _Point) -> _Point:
+    """The point of the highest likelihood with the noise of a point near it, and its own noise."""
+    unknowns, _ = at.problem.descend(at.unknowns, Whitening(at.noise, at.readings), 40)
+    return _measured(at.problem, unknowns, at.readings, at.most_slow)
 
 
 def _with_lag(plain: _Point) -> _Point:
@@ -463,7 +458,7 @@ def _with_lag(plain: _Point) -> _Point:
         start = np.insert(plain.unknowns, split, lag_s)
         tried += [problem.descend(start, metric, 12) for metric in (whitening, alone)]
     for unknowns in {round(float(x[split]), 2): x for x, _ in sorted(tried, key=lambda at: at[1])[:4]}.values():
-        lagging = _settled(_measured(problem, unknowns, plain.readings, plain.most_slow))
+        lagging = _likeliest(_measured(problem, unknowns, plain.readings, plain.most_slow))
         best = max(best, lagging, key=lambda at: at.log_likelihood)
     worth = best.log_likelihood - plain.log_likelihood > price(1, problem.used.size)
     return best if worth and best.unknowns[split] >= SHORTEST_LAG_S else plain
