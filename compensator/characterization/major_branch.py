@@ -25,6 +25,8 @@ from compensator.identification.temperature_smoother import TemperaturePath, tem
 Sense = Literal["heating", "cooling"]
 WHOLE: Final = 0.85  # of the range that counts: a first sweep from a room somewhat warmer than the cold end is one
 RIPPLE: Final = 0.02  # of the range: a controller's overshoot, no reversal that was meant
+UNSEEN: Final = 0.05  # of the range without a reading, and ...
+MANY: Final = 8.0  # ... median steps: what lies between was not measured
 RIPPLE_NOISE: Final = 3.0  # standard deviations of the thermometer's noise
 FEWEST_ROWS: Final = 20  # of a branch, below which it has no shape
 DRAWS: Final = 50  # places of the thermometer's lattice that are tried
@@ -81,13 +83,14 @@ def major_branches(time_s: ArrayLike, temperature_degC: ArrayLike, output: Array
     low, high = _range_that_counts(runs, v, y, good)
     senses: tuple[Sense, Sense] = ("heating", "cooling")
     for sense in senses:
-        whole = [
-            run
+        passed = [
+            (_overlap(_ends(run, v), (low, high)), onward_rows(v, run))
             for run in runs
-            if run.heating == (sense == "heating") and _overlap(_ends(run, v), (low, high)) >= WHOLE * (high - low)
+            if run.heating == (sense == "heating")
         ]
-        rows = [onward_rows(v, run) for run in whole]
-        rows = [row[good[row]] for row in rows]
+        seen = [(width, row[good[row]]) for width, row in passed]
+        span = float(np.ptp(y[good])) if np.any(good) else 0.0
+        rows = [row for width, row in seen if width / (high - low) - _unseen(v[row], y[row], high - low, span) >= WHOLE]
         if sum(row.size for row in rows) < FEWEST_ROWS:
             continue
         rates = [_rate(time[row], v[row]) for row in rows]
@@ -97,7 +100,7 @@ def major_branches(time_s: ArrayLike, temperature_degC: ArrayLike, output: Array
         if digit > 0.0:
             errors = rounding_errors(v, digit, path.noise_K, DRAWS, seed=0)
             rounding = np.stack([np.mean(errors[:, group], axis=1) for group in groups], axis=1)
-        found[sense] = MajorBranch(sense, means[0], means[1], len(whole), float(np.median(rates)), rounding)
+        found[sense] = MajorBranch(sense, means[0], means[1], len(rows), float(np.median(rates)), rounding)
     return found
 
 
@@ -127,6 +130,16 @@ def _range_that_counts(runs: list[Run], v: Array, y: Array, good: NDArray[np.boo
         if seen.size < FEWEST_ROWS or np.ptp(seen) < WHOLE * np.ptp(y[good]):
             return whole
     return low, high
+
+
+def _unseen(v: Array, y: Array, range_K: float, span: float) -> float:
+    """The share of a run that has no readings, in the range of temperatures or in the output's span, whichever is more:
+    steps between readings that are far longer than the others."""
+    steps, moved = np.abs(np.diff(v)), np.abs(np.diff(y))
+    if not steps.size:
+        return 0.0
+    holes = steps > max(UNSEEN * range_K, MANY * float(np.median(steps)))
+    return max(float(np.sum(steps[holes])) / range_K, float(np.sum(moved[holes])) / max(span, 1e-300))
 
 
 def _rate(time_s: Array, v: Array) -> float:

@@ -38,6 +38,7 @@ MEMORYLESS_CODES: Final = {  # the same of D
     "arrhenius": 6,
 }
 KELVIN: Final = 273.15  # 0 degC in K
+COLDEST_K: Final = 1.0  # below it "arrhenius" stays as it is there: it has a pole at absolute zero
 FIRST_COEFFICIENT: Final = 4  # index of c_0 in a memoryless function's array
 
 Array = NDArray[np.float64]
@@ -167,7 +168,7 @@ def memoryless(code: int, par: Array, v: float) -> tuple[float, float, float]:
             value = value * v + par[k]
         return value + offset, slope, 2.0 * half_curvature
     if code == 6:
-        absolute = v + KELVIN
+        absolute = max(v + KELVIN, COLDEST_K)
         value = amplitude / absolute
         return value + offset, -value / absolute, 2.0 * value / (absolute * absolute)
     if code == 0:

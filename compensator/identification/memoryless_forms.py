@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 
 from compensator.hysteresis.film import Memoryless
-from compensator.hysteresis.functions import KELVIN, Array
+from compensator.hysteresis.functions import COLDEST_K, KELVIN, Array
 
 FORMS: Final = ("none", "tanh", "linear", "arrhenius", "polynomial", "sin", "cos")
 SMOOTH: Final = "smooth"  # any smooth D, for a search only: ten cosines on the range
@@ -82,7 +82,7 @@ class Form:
         if self.name == "linear":
             return np.asarray(x[:, None], dtype=np.float64)
         if self.name == "arrhenius":
-            inverse = 1.0 / (self.middle + KELVIN) - 1.0 / (v + KELVIN)
+            inverse = 1.0 / (self.middle + KELVIN) - 1.0 / np.maximum(v + KELVIN, COLDEST_K)
             return np.asarray(self._arrhenius_scale() * inverse[:, None], dtype=np.float64)
         if self.name == "polynomial":
             if not self.monotone:

@@ -231,6 +231,11 @@ def temperature_path(
     lone = lone_outliers(readings, finite)
     used = finite.copy()
     used[lone] = False
+    known = np.flatnonzero(used)
+    first, end = (int(known[0]), int(known[-1]) + 1) if known.size else (0, time.size)
+    if end - first < time.size:  # before the first reading and after the last one it stands: nothing says where it goes
+        within = slice(first, end)
+        return _padded(temperature_path(time[within], readings[within], noise_K=noise_K), first, time.size - end, lone)
     if not np.all(used):
         readings = np.interp(time, time[used], readings[used])
     span = float(np.ptp(readings)) if readings.size else 0.0
@@ -271,6 +276,15 @@ def temperature_path(
     smooth = np.ascontiguousarray(work[:, 0])
     turning = turning_points(smooth, REVERSAL * sigma)
     return TemperaturePath(_monotone(smooth, turning), turning, sigma, outliers, density + extra)
+
+
+def _padded(path: TemperaturePath, before: int, after: int, lone: NDArray[np.int64]) -> TemperaturePath:
+    """The path with so many more rows at its ends, in which the temperature stands."""
+    count = before + path.temperature_degC.size + after
+    turning = np.unique(np.concatenate(([0], path.turning[1:-1] + before, [count - 1])))
+    density = None if path.density is None else np.pad(path.density, (before, after), mode="edge")
+    degC = np.pad(path.temperature_degC, (before, after), mode="edge")
+    return TemperaturePath(degC, turning, path.noise_K, np.union1d(path.outliers + before, lone), density)
 
 
 def _monotone(smooth: Array, turning: NDArray[np.int64]) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
 from sim.diagnosis.of_full_drive import of_full_drive
+from sim.diagnosis.report.caution import Caution
 from sim.diagnosis.result import Diagnosis, HeldOutRecord
 from sim.diagnosis.search.chain import FALSE_ALARM
 from sim.model.inputs import NAMES as INPUTS
@@ -82,8 +84,22 @@ def diagnosed(
     except ValueError as error:
         raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
     diagnosis = replace(with_film(diagnosis, extended), sources=tuple(one.source for one in together))
+    diagnosis = _with_left_out(diagnosis, together)
     diagnosis = of_full_drive(diagnosis, next((one.drive for one in together if one.drive is not None), None))
     return with_prediction(diagnosis, model_of(extended), holdout) if holdout else diagnosis, extended
+
+
+def _with_left_out(diagnosis: Diagnosis, records: Sequence[Record]) -> Diagnosis:
+    """The diagnosis with the rows in which the thermometer was not believed."""
+    warnings: list[Caution] = []
+    rows: list[dict[str, Any]] = []
+    for number, record in enumerate(records, 1):
+        of = number if len(records) > 1 else None
+        warnings += [Caution("thermometer_not_believed", line, record=of) for line in record.left_out_lines()]
+        for one in record.left_out:
+            entry = {"record": number, "column": "temperature_degC", "rule": one.why}
+            rows += [{**entry, "time_s": t} for t in record["time_s"][one.first : one.last + 1].tolist()]
+    return replace(diagnosis, warnings=[*warnings, *diagnosis.warnings], not_believed=tuple(rows))
 
 
 def _require_alike(together: Sequence[Record], holdout: Sequence[Record]) -> None:

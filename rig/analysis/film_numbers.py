@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from compensator.characterization.forc import Forc, forc
+from compensator.characterization.quantity import untold
 from compensator.characterization.transition import Transition, transition
 from compensator.hysteresis.functions import Array
 from compensator.identification.held_readings import repeated_rows
 from compensator.identification.temperature_smoother import temperature_path
 from rig.analysis.score import Rows
-from rig.analysis.transition_words import document, lines, notes
+from rig.analysis.transition_words import WORDS, document, lines, notes, rows
 from rig.files.film_output import in_decades, sign_of, unit_of
 from rig.files.record import Record
+from rig.files.thermometer_faults import false_lines, false_readings, without
 
+FAR_OFF = 5.0  # times the noise
+NO_JUMPS = 0.98  # of the changes from reading to reading
+FEWEST = 20  # readings that tell their noise
+LEAST = 1e-3  # of the output: of readings without noise no model is asked to be closer
 MOST_READINGS = 50_000  # beyond it every so many rows are taken: no ramp has more to say
 
 
@@ -62,6 +69,35 @@ def film_numbers(
     return FilmNumbers(source, name, found, forc(*columns, in_decades=decades), lag_s)
 
 
+def doubted(numbers: FilmNumbers, modelled: Array, measured: Array) -> FilmNumbers:
+    """Return the numbers as they may be stated beside a film model of the record: none, where the model is off by more
+    than `FAR_OFF` times the noise.
+
+    modelled, measured: the output, shape (rows,), nan where there is none.
+    """
+    times = times_the_noise(modelled - measured, float(np.ptp(measured[np.isfinite(measured)])))
+    if times <= FAR_OFF:
+        return numbers
+    why = f"the film model is off by {times:.0f} times the noise, so that this record may not be what it is taken for"
+    found, named = numbers.transition, dict(rows(numbers.transition, numbers.unit))
+    quantities = {
+        name: quantity if quantity.value is None else untold(f"{why} (it shows {named[WORDS[name][0]]})")
+        for name, quantity in found.quantities.items()
+    }
+    return replace(numbers, transition=replace(found, quantities=quantities))
+
+
+def times_the_noise(residual: Array, span: float) -> float:
+    """Return how many times the noise a fit is off (RMS). The noise is what changes from reading to reading, without
+    the largest jumps. span: of the output."""
+    finite = residual[np.isfinite(residual)]
+    if finite.size < FEWEST:
+        return 0.0
+    changes = np.sort(np.diff(finite, 2) ** 2)[: math.ceil(NO_JUMPS * (finite.size - 2))]
+    noise = math.sqrt(float(np.mean(changes)) / 6.0)
+    return float(np.sqrt(np.mean(finite**2))) / max(noise, LEAST * span)
+
+
 def numbers_of_record(record: Record, output: str) -> FilmNumbers:
     """Of a record, each reading at the temperature of its own time."""
     time, degC = record["time_s"], record["temperature_degC"]
@@ -97,11 +133,20 @@ def plate_course(time_s: Array, temperature_degC: Array, lag_s: float) -> Array:
     return course
 
 
+def believed_degC(run: Rows) -> tuple[Array, list[str]]:
+    """Return the temperatures of a run, nan in the rows in which the thermometer is not believed, and a line on each of
+    these."""
+    names = ("time_s", "temperature_degC", "resistance_ohm", "current_A")
+    columns = {name: run.column(name) for name in names}
+    false = false_readings(columns)
+    return without(columns["temperature_degC"], false), false_lines(false, columns["time_s"])
+
+
 def numbers_of_run(run: Rows, source: str, lag_s: float) -> FilmNumbers:
     """Of a run's rows; lag_s: of the thermometer behind the plate, which is taken out of the temperatures."""
     time, resistance = run.column("time_s"), run.column("resistance_ohm")
     good = np.isfinite(resistance) & (resistance > 0.0)
     values = fresh(np.where(good, -np.log10(np.where(good, resistance, 1.0)), np.nan))
     values = at_own_times(time, values, run.column("resistance_time_s"))
-    plate_degC = plate_course(time, run.column("temperature_degC"), lag_s)
+    plate_degC = plate_course(time, believed_degC(run)[0], lag_s)
     return film_numbers(time, plate_degC, values, "minus_log10_ohm", source, lag_s)

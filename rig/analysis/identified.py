@@ -6,12 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import numpy as np
+
 from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
 from compensator.identification.compression import Compression, compress
 from compensator.identification.film import FilmFit, FilmRecord, identify_film_records
 from compensator.identification.plate import PlateFit, PlateRecord, identify_plate_records
+from compensator.identification.temperature_smoother import temperature_path
 from compensator.inverse.check import Finding, check_model
-from rig.analysis.film_numbers import FilmNumbers, numbers_of_record
+from rig.analysis.film_numbers import FilmNumbers, doubted, numbers_of_record
 from rig.analysis.film_sense import rising
 from rig.core.faults import Faults, fault
 from rig.files.film_output import FALLING_RESISTANCE, column_of
@@ -81,7 +85,10 @@ def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], 
         findings = check_model(film.model, *seen_degC(with_film)).findings
         compression = _compressed(film.model, with_film, asked.compress) if asked.compress is not None else None
         film_model = film.model if compression is None else compression.model
-        numbers = tuple(numbers_of_record(record, output) for record in with_film)
+        numbers = tuple(
+            doubted(numbers_of_record(record, output), modelled(film, k, record), record.output(output))
+            for k, record in enumerate(with_film)
+        )
         found = replace(
             found,
             film=film,
@@ -97,6 +104,16 @@ def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], 
         found = replace(found, plate=plate, lag_s=lag_s, drive=with_plate[0].drive, plate_records=tuple(with_plate))
     model = Model(film_model, plate_model)
     return replace(found, model=told_by(model, with_film) if with_film else model)
+
+
+def modelled(film: FilmFit, number: int, record: Record) -> Array:
+    """Return the output of the film model over a film record of that number, where the thermometer is believed."""
+    time = record["time_s"]
+    output = film.along(number, time, temperature_path(time, record["temperature_degC"]).temperature_degC)
+    if record.has("resistance_time_s"):
+        read = np.where(np.isfinite(record["resistance_time_s"]), record["resistance_time_s"], time)
+        output = np.interp(read, time, output)
+    return np.where(np.isfinite(record["temperature_degC"]), output, np.nan)
 
 
 def _nothing_to_fit(records: Sequence[Record], output: str) -> Faults:

@@ -115,11 +115,13 @@ def _predicted(
     beyond = beyond_seen(model, record["temperature_degC"], options.model)
     if beyond is not None:
         print(beyond, file=sys.stderr)
-    notes = [note for note in (gap_note(found, record), room_note(found, model, record)) if note is not None]
+    notes = [f"{record.source}: {line}" for line in record.left_out_lines()]
+    notes += [note for note in (gap_note(found, record), room_note(found, model, record)) if note is not None]
     for note in notes:
         voice.say(note)
     if notes:
         result["notes"] = notes
+    result["left_out"] = record.left_out_document()
     if found.driven_by is not None:
         result["film_driven_by"] = found.driven_by
     fitted = fitted_values(found, model)
@@ -136,7 +138,7 @@ def _predicted(
         needed = "expected readings of the film, or temperature with current and a model with a [plate]"
         print(f"{record.source}: nothing to compare; {needed}", file=sys.stderr)
     if options.out is not None:
-        write_columns(options.out, {**record.columns, **record.text_columns, **predicted_columns(found, model)})
+        write_columns(options.out, {**record.as_read(), **record.text_columns, **predicted_columns(found, model)})
         voice.say(f"predictions: {options.out}")
     if folder is not None:
         from rig.report.prediction import write_prediction_report

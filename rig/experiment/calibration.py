@@ -26,7 +26,7 @@ from compensator.identification.output_sense import output_falls
 from compensator.identification.plate import PlateFit, identify_plate
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.inverse.check import Finding, check_model
-from rig.analysis.film_numbers import FilmNumbers, numbers_of_run, plate_course
+from rig.analysis.film_numbers import FilmNumbers, believed_degC, doubted, numbers_of_run, plate_course
 from rig.control.loop import Loop
 from rig.control.policies import Follow, temperature_now, warmed_up
 from rig.core.faults import fault
@@ -54,7 +54,8 @@ LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would t
 class Calibration:
     """What came out: the fits, the check on held-out rows, the model and where it was written; predicted_output:
     -log10(R / 1 ohm) of each row by the model; numbers: what the rows tell of the film without a model; findings: what
-    to know of the film model before it is used."""
+    to know of the film model before it is used; left_out: a line on each run of rows in which the thermometer was not
+    believed."""
 
     film: FilmFit
     plate: PlateFit
@@ -69,6 +70,7 @@ class Calibration:
     predicted_output: Array
     numbers: FilmNumbers | None = None
     findings: tuple[Finding, ...] = ()
+    left_out: tuple[str, ...] = ()
 
 
 def calibration_range(configuration: Configuration) -> tuple[float, float]:
@@ -169,7 +171,8 @@ def identify_calibration(
     folder: RunFolder, configuration: Configuration, model_path: Path, kind: Kind = "peltier"
 ) -> Calibration:
     """Fit film and plate to all phases but "check", predict "check" in a simulation over the whole record."""
-    time, temperature = folder.column("time_s"), folder.column("temperature_degC")
+    time = folder.column("time_s")
+    temperature, left_out = believed_degC(folder)
     current, resistance = folder.column("current_A"), folder.column("resistance_ohm")
     output = np.where(np.isfinite(resistance) & (resistance > 0.0), -np.log10(np.maximum(resistance, 1e-12)), math.nan)
     name = FALLING_RESISTANCE
@@ -196,7 +199,7 @@ def identify_calibration(
     error = error[np.isfinite(error)]
     simulated = plate_fit.model.simulate(plate_fit.first_degC[0], time, current)
     error_K = (simulated - plate_degC)[checked]
-    records, seen_degC = (str(at_its_end(folder.path / "record.csv")),), (np.min(plate_degC), np.max(plate_degC))
+    records, seen_degC = (str(at_its_end(folder.path / "record.csv")),), (np.nanmin(plate_degC), np.nanmax(plate_degC))
     model = Model(film, plate_fit.model, film_records=records, film_seen_degC=seen_degC)
     if plate_fit.lag_s > 0.0:
         model = replace(model, effects=({"name": SENSOR_LAG.name, "tau_s": plate_fit.lag_s},))
@@ -219,6 +222,7 @@ def identify_calibration(
         check_max_dec=float(np.max(np.abs(error))),
         check_rmse_K=float(np.sqrt(np.nanmean(error_K**2))),
         predicted_output=sign_of(name) * -predicted,
-        numbers=numbers_of_run(folder, folder.path.name, plate_fit.lag_s),
+        numbers=doubted(numbers_of_run(folder, folder.path.name, plate_fit.lag_s), predicted[fitted], output[fitted]),
         findings=check_model(film, float(np.nanmin(temperature)), float(np.nanmax(temperature))).findings,
+        left_out=tuple(left_out),
     )

@@ -48,7 +48,7 @@ def calibration_result(result: Calibration) -> dict[str, Any]:
         "memoryless": film.model.memoryless.function,
         "operators": int((film.model.weights > 0.0).sum()),
         "plate": [{"name": name, "value": value, "standard_error": error} for name, value, error in parameters],
-        "identifiability": [*film.identifiability, *of_the_plate(plate, film.identifiability)],
+        "identifiability": [*result.left_out, *film.identifiability, *of_the_plate(plate, film.identifiability)],
         "lag_s": plate.lag_s,
     }
 
@@ -56,7 +56,11 @@ def calibration_result(result: Calibration) -> dict[str, Any]:
 def calibration_notes(result: Calibration) -> list[str]:
     """What `peltier identify` says of the same rows, beside the transition's numbers: a line each."""
     film = [*result.film.identifiability, *finding_notes(result.findings)]
-    return [*(f"film: {note}" for note in film), *(f"plate: {note}" for note in of_the_plate(result.plate, film))]
+    return [
+        *result.left_out,
+        *(f"film: {note}" for note in film),
+        *(f"plate: {note}" for note in of_the_plate(result.plate, film)),
+    ]
 
 
 def of_the_plate(fit: PlateFit, told: Iterable[str]) -> list[str]:
@@ -77,7 +81,11 @@ def calibration_summary(result: Calibration) -> dict[str, Any]:
         "rows_fitted": result.rows_fitted,
         "rows_checked": result.rows_checked,
         "transition_degC": list(result.transition_degC),
-        "identifiability": [*result.film.identifiability, *of_the_plate(result.plate, result.film.identifiability)],
+        "identifiability": [
+            *result.left_out,
+            *result.film.identifiability,
+            *of_the_plate(result.plate, result.film.identifiability),
+        ],
         "check": finding_documents(result.findings),
         "transition": [result.numbers.document()] if result.numbers is not None else [],
     }

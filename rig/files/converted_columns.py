@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
 from rig.files.column_mapping import ending_of, typed
-from rig.files.credible_columns import ABSOLUTE_ZERO_DEGC, faults_in
+from rig.files.credible_columns import faults_in
 from rig.files.field_numbers import Undecided, beyond_as_a_number, number_of, read_numbers, tidied
 from rig.files.field_times import Unclear, clock_alone, date_alone, read_times, time_like
 from rig.files.record import Record
 from rig.files.taking import Choice, Taking
+from rig.files.thermometer_faults import false_readings, without
 from rig.files.units import CONDUCTANCES, SHARES, UNITS
 
 MOST_NUMBER_FAULTS = 5  # a column: five lines show what is wrong with it as well as a thousand
@@ -47,7 +48,11 @@ def converted(taking: Taking) -> Record:
         raise Faults(faults)
     current = taking.chosen.get("current_A")
     drive = current.unit if current is not None and current.unit in SHARES else None
-    return Record(values, taking.table.source, drive, texts, tuple(_told(taking)))
+    read, left_out = values.get("temperature_degC"), false_readings(values)
+    if read is not None and left_out:
+        values["temperature_degC"] = without(read, left_out)
+    as_read = read if left_out else None
+    return Record(values, taking.table.source, drive, texts, tuple(_told(taking)), tuple(left_out), as_read)
 
 
 def _kept_names(taking: Taking) -> dict[int, str]:
@@ -94,18 +99,7 @@ def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
                 f"in resistance_ohm {largest:g} ohm, far above all else, as beyond the range ({rows} rows)"
             )
             values = np.where(beyond, np.inf, values)
-    if ours == "temperature_degC":
-        values = _above_absolute_zero(taking, values)
     return values
-
-
-def _above_absolute_zero(taking: Taking, values: Array) -> Array:
-    """A thermometer that was unplugged for some rows writes -999 or the like: no reading, if most rows have one."""
-    below = values < ABSOLUTE_ZERO_DEGC
-    if not np.any(below) or 2 * np.sum(below) > values.size:
-        return values
-    taking.said.append(f"in temperature_degC what is below absolute zero as no reading ({int(np.sum(below))} rows)")
-    return np.where(below, np.nan, values)
 
 
 def _refuse_endless(taking: Taking, ours: str, choice: Choice, endless: NDArray[np.bool_]) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
+from rig.files.thermometer_faults import FalseReadings, false_lines
 
 __all__ = ["Record", "Refused", "content_digest", "unit_of"]
 
@@ -30,7 +31,9 @@ class Refused:
 class Record:
     """Columns by name, each of the shape (rows,); drive: the unit of a current_A that is a share of full drive.
 
-    said: what was taken for what, and what was left, a line each; empty where the names are ours.
+    said: what was taken for what, and what was left, a line each; empty where the names are ours. left_out: the rows in
+    which the thermometer is not believed (`rig.files.thermometer_faults`): `temperature_degC` is nan there;
+    as_read_degC: the temperatures with them, None where all are believed.
     """
 
     columns: dict[str, Array]
@@ -38,6 +41,8 @@ class Record:
     drive: str | None = None
     text_columns: dict[str, list[str]] = field(default_factory=dict)
     said: tuple[str, ...] = ()
+    left_out: tuple[FalseReadings, ...] = ()
+    as_read_degC: Array | None = None
 
     @classmethod
     def from_arrays(
@@ -78,6 +83,18 @@ class Record:
     def has_output(self, name: str = "minus_log10_ohm") -> bool:
         """Whether the film's output is there."""
         return self.has(column_of(name, self.columns))
+
+    def left_out_lines(self) -> list[str]:
+        """Return a sentence for each value that the thermometer is not believed."""
+        return false_lines(self.left_out, self["time_s"])
+
+    def left_out_document(self) -> list[dict[str, Any]]:
+        """Return the same for the JSON."""
+        return [{"record": self.source, **one.document(self["time_s"])} for one in self.left_out]
+
+    def as_read(self) -> dict[str, Array]:
+        """Return the columns with the readings of the thermometer that are not believed."""
+        return self.columns if self.as_read_degC is None else {**self.columns, "temperature_degC": self.as_read_degC}
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]

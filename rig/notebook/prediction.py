@@ -104,7 +104,7 @@ def predict(
         predicted_columns(found, known),
         tuple(errors_of(found, known, rows)),
         fitted_values(found, known),
-        tuple(note for note in warnings if note is not None),
+        (*rows.left_out_lines(), *(note for note in warnings if note is not None)),
         rows,
         found,
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from compensator.identification.covariance import NORMAL_95
 from rig.analysis.fit_notes import finding_documents, finding_notes, plate_notes
-from rig.analysis.identified import AskedFit, Identified, identified
+from rig.analysis.identified import AskedFit, Identified, identified, modelled
 from rig.analysis.one_row import of_identification
 from rig.core.faults import Faults
 from rig.files.film_records import seen_degC
@@ -59,6 +59,10 @@ def identified_and_told(
 def in_words(found: Identified, say: Say) -> dict[str, Any]:
     """Say what was fitted, a line after the other; the JSON of `peltier identify`."""
     result: dict[str, Any] = {"format": "peltier-identification/1", "records": [r.source for r in found.records]}
+    result["left_out"] = [one for record in found.records for one in record.left_out_document()]
+    for record in found.records:
+        for line in record.left_out_lines():
+            say(line if len(found.records) == 1 else f"{record.source}: {line}")
     if found.film is not None:
         unit = unit_of(found.output)
         result["film"] = _tell_film(found.film, unit, say)
@@ -126,12 +130,8 @@ def compared(found: Identified) -> list[Compared]:
     beside = []
     for number, record in enumerate(found.film_records):
         time, path = record["time_s"], temperature_path(record["time_s"], record["temperature_degC"])
-        modelled = found.film.along(number, time, path.temperature_degC)
-        measured = record.output(found.output)
-        if record.has("resistance_time_s"):
-            read = np.where(np.isfinite(record["resistance_time_s"]), record["resistance_time_s"], time)
-            modelled = np.interp(read, time, modelled)
-        beside.append(Compared(record.source, time, path.temperature_degC, measured, modelled))
+        shown = modelled(found.film, number, record)
+        beside.append(Compared(record.source, time, path.temperature_degC, record.output(found.output), shown))
     return beside
 
 

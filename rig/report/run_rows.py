@@ -72,7 +72,7 @@ def _columns_on_disk(path: Path) -> dict[str, Any]:
     record = read_record(path, needs=NEEDED, flags=False)
     if PHASE not in record.text_columns:
         raise fault(path, PHASE, "missing; expected the record of a run")
-    return {**record.columns, **{name: np.array(texts) for name, texts in record.text_columns.items()}}
+    return {**record.as_read(), **{name: np.array(texts) for name, texts in record.text_columns.items()}}
 
 
 def recorded_inside(folder: Path) -> list[RunRows]:

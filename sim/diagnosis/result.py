@@ -89,8 +89,9 @@ class Diagnosis:
     film's form, warnings, what to do next, the plate's numbers, what was found and is not named, how large what is not
     named may be, the parameters of what was assumed, each record's room (of a record with a current); sources: of the
     records; halves: of other records held out; elsewhere: the error on each of these; record and chain: for figures and
-    for the extended model; drive: the unit of a current that is a share of full drive, else None. The keys of channels,
-    gains and what is left are "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
+    for the extended model; drive: the unit of a current that is a share of full drive, else None; not_believed:
+    readings that were left out where the records were read, as in the JSON. The keys of channels, gains and what is
+    left are "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
 
     verdict: str
     findings: list[Finding]
@@ -112,6 +113,7 @@ class Diagnosis:
     elsewhere: tuple[HeldOutRecord, ...] = ()
     model: str | None = None
     drive: str | None = None
+    not_believed: tuple[dict[str, Any], ...] = ()
 
     @property
     def left(self) -> dict[str, str | None]:
@@ -167,6 +169,7 @@ class Diagnosis:
             }
             for row, column, rule in record.left_out
         ]
+        left_out += self.not_believed
         fitted = int(np.sum(~record.held_out))
         if self.halves is None:
             deciding, judging = int(np.sum(record.deciding)), int(np.sum(record.judging))

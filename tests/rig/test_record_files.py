@@ -477,7 +477,8 @@ def test_another_resistance_is_left_and_told(file: Path) -> None:
 def test_an_unplugged_thermometer_has_no_reading(file: Path) -> None:
     record = read(file, f"{HEAD}0,20,5\n1,-999,6\n2,22,7\n")
     np.testing.assert_array_equal(record["temperature_degC"], [20.0, np.nan, 22.0])
-    assert "below absolute zero as no reading (1 rows)" in record.said[0]
+    told = "temperature_degC: row 2 (1 s) reads -999 degC: absolute zero (0 K) or below is no temperature; left out"
+    assert record.left_out_lines() == [told]
     assert "expected -273.15 to" in refusal(file, f"{HEAD}0,-999,5\n1,-999,6\n2,22,7\n")
 
 

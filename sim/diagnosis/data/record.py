@@ -41,6 +41,7 @@ MOST_OF_AN_END = 0.01  # of the record that is left out at either end of what is
 ALONE, LONE = "apart from its neighbours", "apart from its neighbours beside a fit"
 OUTLYING = (ALONE, LONE)
 REPEATED = "repeats the reading before: the meter is slower than the rows"
+UNDRIVEN = "before the first temperature or after the last one"
 MOST_IN_A_GAP = 1000  # commands
 MOST_AFTER_GAPS = 0.2  # of the record that is left out after gaps for commands that may be late
 
@@ -250,6 +251,10 @@ def read_columns(
         current = None
     left_out = [LeftOut(int(row), "temperature_degC", ALONE) for row in outliers]
     output, output_used, out = _output(quantity.of(data), time.size, fewest)
+    if current is None:  # the temperature drives the film: where it is not known before or after, nothing does
+        row, known = np.arange(time.size), np.flatnonzero(used)
+        out[UNDRIVEN] = np.flatnonzero(output_used & ((row < known[0]) | (row > known[-1])))
+        output_used[out[UNDRIVEN]] = False
     left_out += [LeftOut(int(row), quantity.column, rule) for rule, rows in out.items() for row in rows]
     taken = data.get("resistance_time_s", np.full(time.size, np.nan))
     taken = np.where(np.isfinite(taken), taken, time) - time[0]
