@@ -135,6 +135,7 @@ class _Runs:
         self.steps = np.abs(np.diff(self.value))
         self.digit = float(np.min(self.steps))
         self.usual = np.maximum(_usual(self.steps), self.digit)
+        self.most = float(np.quantile(self.steps, 0.9))
         self.slow = math.ceil(np.quantile(self.length, 0.95))  # rows of a reading, where it is slower than the rows
         few = np.sort(self.length)[-OFTEN - 1 :][0]  # what stands still more often does so by nature
         self.long = LONGER * max(self.slow, int(few))
@@ -142,10 +143,10 @@ class _Runs:
         self.why: dict[int, str] = {}  # of each run that is false
 
     def false(self) -> list[FalseReadings]:
-        jumps = self._jumps()
-        for jump in [*jumps, *jumps]:  # once more, for a value that is known to be false by now
-            if jump not in self.why and jump + 1 not in self.why:
-                self._blame(jump)
+        for _ in range(2):  # once more, for a value that is known to be false by then
+            for jump in self._jumps():
+                if jump not in self.why and jump + 1 not in self.why:
+                    self._blame(jump)
         self._too_many_alike()
         self._film_elsewhere()
         found = []
@@ -159,7 +160,10 @@ class _Runs:
         """Return the runs after which the temperature jumps, and no witness does."""
         waited = self.time[self.first[1:]] - self.time[self.last[:-1]]
         usual = self.usual * np.maximum(waited / float(np.median(np.diff(self.time))), 1.0)
-        return [int(run) for run in np.flatnonzero(self.steps > SUDDEN * usual) if self._alone(int(run))]
+        stands = (self.length > self.slow) | np.isin(self.value, [self.value[run] for run in self.why])
+        near = np.convolve(stands, np.ones(2 * ASIDE))[ASIDE:][: self.steps.size] > 0.0
+        sudden = (self.steps > SUDDEN * usual) & (near | (self.steps > SUDDEN * self.most))
+        return [int(run) for run in np.flatnonzero(sudden) if self._alone(int(run))]
 
     def _alone(self, run: int) -> bool:
         """Whether the temperature jumps after a run, and no witness does."""
@@ -194,7 +198,7 @@ class _Runs:
     def _stands(self, block: range, why: str, jump_K: float) -> bool:
         """Whether a run among some repeats its reading, in more rows than others do if the jump is no large one, or has
         the value of a run known to be false."""
-        apart = jump_K > SUDDEN * float(np.quantile(self.steps, 0.9))
+        apart = jump_K > SUDDEN * self.most
         longest = int(np.max(self.length[block]))
         if why == EDGE:
             return apart and longest > 1

@@ -57,6 +57,13 @@ def write_identification_report(
                 ]
             )
         )
+    if result.get("left_out"):
+        gone = [
+            f"{Path(out['record']).name}: rows {out['rows'][0]} to {out['rows'][1]} ({out['from_s']:.12g} to "
+            f"{out['to_s']:.12g} s) read {out['reads_degC']:.6g} degC: {out['rule']}"
+            for out in result["left_out"]
+        ]
+        parts.append(section("Temperatures that were left out", bullets(gone)))
     for k, (one, own) in enumerate(zip(compared, numbers, strict=True)):
         suffix = f"_{k + 1}" if len(compared) > 1 else ""
         name = f" of {Path(one.source).name}" if suffix else ""
