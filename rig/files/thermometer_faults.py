@@ -39,7 +39,7 @@ UNWITNESSED_K: Final = 40.0  # where there is no witness: no plate moves by as m
 LONGER: Final = 1.5  # times the runs of the record but for a few: no rounding, and no slow thermometer
 ASIDE: Final = 6  # runs at most that a fault consists of: several fault values may follow each other
 CHANCE: Final = 1e-3  # in how many records without a fault one reading is taken for one
-FLICKERS: Final = 0.2  # chance of two equal readings, above which a thermometer may well stand still at rest
+FLICKERS: Final = 0.3  # chance of two equal readings, above which a thermometer may well stand still at rest
 BLOCKS: Final = 12  # parts of a record; the noise of a thermometer is that of the second quietest
 FEWEST: Final = 16  # readings that tell how a thermometer reads
 OFTEN: Final = 3  # a thermometer that stands still in more places does so by nature
@@ -66,14 +66,9 @@ class FalseReadings:
 
     def document(self, time_s: Array) -> dict[str, Any]:
         """Return the same for the JSON; rows from 1."""
-        return {
-            "column": "temperature_degC",
-            "rows": [self.first + 1, self.last + 1],
-            "from_s": float(time_s[self.first]),
-            "to_s": float(time_s[self.last]),
-            "reads_degC": self.degC,
-            "rule": self.why,
-        }
+        when = {"from_s": float(time_s[self.first]), "to_s": float(time_s[self.last])}
+        what = {"column": "temperature_degC", "rows": [self.first + 1, self.last + 1], **when}
+        return {**what, "reads_degC": self.degC, "rule": self.why}
 
 
 def false_readings(columns: Mapping[str, Array]) -> list[FalseReadings]:
@@ -174,7 +169,8 @@ class _Runs:
         """Whether a witness shows the jump after a run: in the rows beside it or, as a thermometer that is slower than
         the rows shows in one of them what came before, in those that are readings of it; None: it has none there."""
         rows = int(self.last[run]), int(self.first[run + 1])
-        told = [witness.jumps(*rows, float(self.steps[run] / self.span), every) for every in {1, self.slow}]
+        share = float(self.value[run + 1] - self.value[run]) / self.span
+        told = [witness.jumps(*rows, share, every) for every in {1, self.slow}]
         return True if True in told else False if False in told else None
 
     def _blame(self, jump: int) -> None:
@@ -187,9 +183,10 @@ class _Runs:
             found += [(block, FAULT) for block in blocks if self._aside(block) and not self._followed(block)][:1]
         if jump > 0 and self._moves(jump) and self.length[jump] > self.long:
             found.append((range(jump, jump + 1), STILL))
-        for run, last in ((jump, 0), (jump + 1, end)):
-            if run == last and (self.length[run] > self.long or not self._moves(run)):
-                found.append((range(run, run + 1), EDGE))
+        ends = [run for run, edge in ((jump, 0), (jump + 1, end)) if run == edge]
+        found += [
+            (range(run, run + 1), EDGE) for run in ends if self.length[run] > self.long or not self._moves(run, (True,))
+        ]
         found = [(block, why) for block, why in found if self._stands(block, why, float(self.steps[jump]))]
         if found:
             block, why = min(found, key=lambda one: (len(one[0]), one[1] == STILL))
@@ -215,9 +212,7 @@ class _Runs:
         ends = self.value[[block[0] - 1, block[-1] + 1]]
         off = np.maximum(np.min(ends) - self.value[block], self.value[block] - np.max(ends))
         far = max(SUDDEN * self.usual[block[0] - 1], FAR_DIGITS * self.digit)
-        apart = np.abs(
-            np.diff(self.value[block])
-        )  # fault values are far from each other, too; readings follow each other
+        apart = np.abs(np.diff(self.value[block]))  # several fault values are far from each other, too
         return bool(np.all(off > far) and np.all(apart > far)) and self._goes_on(block[0] - 1, block[-1] + 1)
 
     def _goes_on(self, before: int, after: int) -> bool:
@@ -228,35 +223,33 @@ class _Runs:
         allowed = SUDDEN * self.usual[before] + pace * passed_s
         return bool(abs(self.value[after] - self.value[before]) <= allowed)
 
-    def _moves(self, run: int) -> bool:
-        return any(witness.moves(int(self.first[run]), int(self.last[run])) for witness in self.witnesses)
+    def _moves(self, run: int, of: tuple[bool, ...] = (True, False)) -> bool:
+        """Whether a witness moves during a run. of: which, films (True) or currents."""
+        rows = int(self.first[run]), int(self.last[run])
+        return any(witness.moves(*rows) for witness in self.witnesses if witness.is_film in of)
 
     def _too_many_alike(self) -> None:
         """Find runs that are longer than chance makes them, of a thermometer that flickers."""
-        rest = np.array([run not in self.why for run in range(self.value.size)])
+        rest = ~np.isin(np.arange(self.value.size), list(self.why))
         noise = _noise(self.time[self.first[rest]], self.value[rest])
         chance = self.digit / (noise * math.sqrt(2.0 * math.pi)) if noise > 0.0 else 1.0
         if chance > FLICKERS:
             return
         longest = self.slow * (1.0 + math.log(self.value.size / CHANCE) / -math.log(chance))
-        runs = [
-            int(run) for run in np.flatnonzero(rest & (self.length > max(longest, self.long))) if self._moves(int(run))
-        ]
-        self.why.update(dict.fromkeys(runs, STILL))
+        long = np.flatnonzero(rest & (self.length > max(longest, self.long))).tolist()
+        self.why.update({run: STILL for run in long if self._moves(run)})
 
     def _film_elsewhere(self) -> None:
         """Find whether the film goes in the last run to where it is else seen only far from its temperature."""
         end = self.value.size - 1
         film = next((witness for witness in self.witnesses if witness.is_film), None)
-        if film is None or end in self.why or self.length[end] < FEWEST or not self._moves(end):
+        if film is None or end in self.why or self.length[end] < FEWEST or not self._moves(end, (True,)):
             return
-        last = film.values[: self.last[end] + 1][-ENDS_WITH:]
-        if not np.any(np.isfinite(last)):
-            return
-        close = np.abs(film.values - np.nanmedian(last)) <= max(4.0 * film.noise, ON_RANGE * film.span)
-        same = [
-            run for run in range(end) if run not in self.why and np.any(close[self.first[run] : self.last[run] + 1])
-        ]
+        there = film.values[self.first[end] : self.last[end] + 1]
+        goes_to = float(np.median(there[np.isfinite(there)][-ENDS_WITH:]))
+        close = np.abs(film.values - goes_to) <= max(4.0 * film.noise, ON_RANGE * film.span)
+        runs = [run for run in range(end) if run not in self.why]
+        same = [run for run in runs if np.any(close[self.first[run] : self.last[run] + 1])]
         off = np.abs(self.value[same] - self.value[end])
         if off.size and np.min(off) > max(FAR_OFF * self.span, FAR_DIGITS * self.digit):
             self.why[end] = STILL
@@ -284,9 +277,10 @@ class _Witness:
         earlier = self.values[on[on >= 0]]
         if not self.is_film:
             earlier = earlier[np.isfinite(earlier)]
-            begun = earlier if on[0] >= 0 else np.append(0.0, earlier)  # there is no current before the first row
-            return bool(np.ptp(begun) > WITNESSED * every * self.usual) if earlier.size else None
-        least = LEAST_SHOWN * share * self.span
+            if earlier.size and on[0] < 0 and earlier[0] * share > 0.0:  # it comes on in the first row
+                earlier = np.append(0.0, earlier)
+            return bool(np.ptp(earlier) > WITNESSED * every * self.usual) if earlier.size else None
+        least = LEAST_SHOWN * abs(share) * self.span
         on = np.append(before, after + every * np.arange(BESIDE - 1))
         later = self.values[on[on < self.values.size]]
         earlier, later = earlier[:-1][np.isfinite(earlier[:-1])], later[np.isfinite(later)]
@@ -328,8 +322,7 @@ def _witnesses(columns: Mapping[str, Array]) -> list[_Witness]:
 
 def _span(values: Array) -> float:
     """Return how far nearly all values are apart."""
-    low, high = np.quantile(values, [0.05, 0.95])
-    return float(high - low)
+    return float(np.subtract(*np.quantile(values, [0.95, 0.05])))
 
 
 def _usual(steps: Array) -> Array:

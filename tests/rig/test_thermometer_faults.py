@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import rig
+from rig.analysis.film_numbers import believed_degC, numbers_of_run
 from rig.files.record import Record
 from rig.files.record_file import write_columns
 from rig.files.thermometer_faults import false_readings
@@ -111,6 +112,35 @@ def test_the_thermometer_of_a_plate(digit: float, noise: float) -> None:
     current = wrong["current_A"].copy()
     current[205:211] = 4.0
     assert rows_of({**wrong, "current_A": current}) == list(range(205, 211))
+
+
+def test_a_run_is_judged_as_a_record_is() -> None:
+    """A calibration reads its rows from memory, not from a file."""
+
+    class Rows:
+        columns = frozen(film_loop(), 130, 170)
+
+        def column(self, name: str) -> Array:
+            return np.asarray(self.columns.get(name, np.full(397, np.nan)))
+
+    degC, lines = believed_degC(Rows())
+    assert np.flatnonzero(np.isnan(degC)).tolist() == list(range(130, 170))
+    assert len(lines) == 1
+    assert_right(numbers_of_run(Rows(), "run", 0.0).document())
+
+
+def test_the_first_readings_are_a_power_on_value() -> None:
+    """A DS18B20 reads 85 degC until it has converted once."""
+    assert rows_of(changed(film_loop(), setting(0, 2, 85.0))) == [0, 1]
+    assert rows_of(changed(plate_run(0.0625, 0.02), setting(0, 2, 85.0))) == [0, 1]
+
+
+def test_a_thermometer_that_is_clipped() -> None:
+    """One whose range ends inside the loop reads its largest value there; its noise elsewhere shows that it is none."""
+    record = changed(film_loop(), lambda degC: np.minimum(degC, 70.0, out=degC))
+    found = rows_of(record)
+    assert len(found) > 80
+    assert np.all(record["temperature_degC"][found] == 70.0)
 
 
 def test_absolute_zero_is_no_temperature() -> None:

@@ -22,7 +22,7 @@ from sim.diagnosis.data.between_rows import acted_before
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.quantity import RESISTANCE, Quantity
 from sim.diagnosis.data.quantization import lattice_step
-from sim.diagnosis.data.segments import first_rows, gaps, with_readings
+from sim.diagnosis.data.segments import first_rows, gaps, undriven, with_readings
 from sim.effects.effect import Effect
 from sim.model.inputs import NOTHING, Inputs, constant_inputs, logged_inputs
 from sim.model.links import delays_s, stamps_off_s
@@ -250,11 +250,7 @@ def read_columns(
     if current is not None and not np.any(np.abs(np.nan_to_num(current)) > 0.0):
         current = None
     left_out = [LeftOut(int(row), "temperature_degC", ALONE) for row in outliers]
-    output, output_used, out = _output(quantity.of(data), time.size, fewest)
-    if current is None:  # the temperature drives the film: where it is not known before or after, nothing does
-        row, known = np.arange(time.size), np.flatnonzero(used)
-        out[UNDRIVEN] = np.flatnonzero(output_used & ((row < known[0]) | (row > known[-1])))
-        output_used[out[UNDRIVEN]] = False
+    output, output_used, out = _output(quantity.of(data), undriven(used, current), fewest)
     left_out += [LeftOut(int(row), quantity.column, rule) for rule, rows in out.items() for row in rows]
     taken = data.get("resistance_time_s", np.full(time.size, np.nan))
     taken = np.where(np.isfinite(taken), taken, time) - time[0]
@@ -297,8 +293,9 @@ def _none(rows: Rows | None) -> Rows:
     return rows if rows is not None else np.empty(0, dtype=np.int64)
 
 
-def _output(readings: Array | None, rows: int, fewest: int) -> tuple[Array | None, Mask, dict[str, Rows]]:
+def _output(readings: Array | None, lost: Mask, fewest: int) -> tuple[Array | None, Mask, dict[str, Rows]]:
     """The film's output, which of its readings count, and by rule those that do not; none where they are too few."""
+    rows = lost.size
     good = np.zeros(rows, dtype=np.bool_) if readings is None else np.isfinite(readings)
     if readings is None or np.sum(good) < fewest:
         return None, np.zeros(rows, dtype=np.bool_), {}
@@ -306,7 +303,9 @@ def _output(readings: Array | None, rows: int, fewest: int) -> tuple[Array | Non
     good[repeated] = False
     alone = lone_outliers(readings, good)
     good[alone] = False
-    return readings, good, {REPEATED: repeated, ALONE: alone}
+    left = np.flatnonzero(good & lost)
+    good[left] = False
+    return readings, good, {REPEATED: repeated, ALONE: alone, UNDRIVEN: left}
 
 
 def _commanded_s(data: Mapping[str, Array], time: Array) -> Array:
@@ -330,7 +329,7 @@ def _checked(columns: Mapping[str, ArrayLike]) -> dict[str, Array]:
     lines = [f"{name}: missing; expected a column" for name in ("time_s", "temperature_degC") if name not in columns]
     if lines:
         raise ValueError("\n".join(lines))
-    return checked_columns({name: values for name, values in columns.items() if _numeric(values)})
+    return checked_columns({name: v for name, v in columns.items() if np.asarray(v).dtype.kind in "fiub"})
 
 
 def told_of(record: Record) -> Told:
@@ -348,8 +347,3 @@ def own_noise(readings: Array) -> float:
     """Of readings, nan where there is none, from row to row; 0 where they are too few to tell."""
     finite = readings[np.isfinite(readings)]
     return quick_noise(finite) if finite.size >= FEWEST_FOR_NOISE else 0.0
-
-
-def _numeric(values: ArrayLike) -> bool:
-    array = np.asarray(values)
-    return array.dtype.kind in "fiub"

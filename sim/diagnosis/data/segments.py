@@ -114,3 +114,10 @@ def _rate_per_A(time_s: Array, temperature_degC: Array, current_A: Array) -> flo
     current = np.add.reduceat(current_A, np.arange(0, current_A.size, FITTED))[: rate.size] / FITTED
     columns = np.stack((current, 0.5 * (temperature[1:] + temperature[:-1]), np.ones(rate.size)), axis=1)
     return abs(float(np.linalg.lstsq(columns, rate)[0][0]))
+
+
+def undriven(used: NDArray[np.bool_], current: Array | None) -> NDArray[np.bool_]:
+    """The rows in which nothing drives the film: without a current, before the first temperature and after the last."""
+    known, found = np.flatnonzero(used), np.full(used.size, current is None)
+    found[known[0] : known[-1] + 1] = False
+    return found
