@@ -54,7 +54,9 @@ def repeated(channel: ResistanceChannel, fit: ResistanceFit, domains: DomainNois
     return agreement(channel.film_degC(fit), d, walk, channel.fitted, apart_K)
 
 
-def agreement(film_degC: Array, left: Array, walk: Wandering, told: Mask, apart_K: float) -> tuple[Repeated, Repeated]:
+def agreement(
+    film_degC: Array, left: Array, walk: Wandering, told: Mask, apart_K: float
+) -> tuple[Repeated, Repeated]:
     """Of what came from row to row, which is what is left less what is left of the row before, at places so far apart,
     or as far as rows are; as it is, and over what is expected. film_degC, left: (rows,); told: rows that were read and
     fitted, (rows,)."""

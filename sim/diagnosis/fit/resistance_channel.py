@@ -166,7 +166,9 @@ class ResistanceChannel(FilmEquations):
         mixed[:, 1 : self.basis.free] = signals[:, 1 : self.basis.free]
         return mixed
 
-    def _seen(self, relays: Relays, slope: Array | None, ohmmeter: Ohmmeter, links: Links, nodes: FilmNodes) -> Relays:
+    def _seen(
+        self, relays: Relays, slope: Array | None, ohmmeter: Ohmmeter, links: Links, nodes: FilmNodes
+    ) -> Relays:
         """The relays as the ohmmeter shows them about a signal. slope: of the film's output with them, (points,)."""
         if not relays.count or (ohmmeter.slope is None and slope is None):
             return relays
