@@ -6,10 +6,10 @@
 
 The chain (`sim.model.plate_path`) is simulated from the recorded current over each stretch between gaps, from a first
 temperature of its own, never one step ahead. The fit has two steps: the least error of the simulation, whose residual
-gives the noise (`sim.inference.noise`: white noise and a slow discrepancy), then the highest likelihood with that noise.
-Further steps in turn move no parameter by its deviation where the model holds; where it does not, the discrepancy grows
-at the simulation's cost. Starts come from the balance integrated over windows (L. Ljung, System Identification (Prentice
-Hall 1999), sec. 7.3, 10.2).
+gives the noise (`sim.inference.noise`: white noise and a slow discrepancy), then the highest likelihood with it.
+Further steps in turn move no parameter by its deviation where the model holds; where it does not, the discrepancy
+grows at the simulation's cost. Starts come from the balance integrated over windows (L. Ljung, System Identification
+(Prentice Hall 1999), sec. 7.3, 10.2).
 
 Where records leave a combination open, what plates have in common decides, as normal priors: `AMBIENT_DEGC`, `SHARE`,
 and of the slopes what is known of the material (`compensator.thermal.plate`). Standard errors leave the first two out.
