@@ -51,6 +51,7 @@ def precompile_law() -> None:
             law.step(law.start_anywhere(58.0, -4.3), inputs)
     PLATE.rate_range_K_per_s(50.0, 1.0)
     PLATE.current_for_rate_A(50.0, 0.0, 1.0)
+    PLATE.linearized(50.0, 1.0)
     lacking(np.sin(np.arange(2.0 * FEWEST)), np.ones(2 * FEWEST))
 
 

@@ -130,6 +130,10 @@ def ended(action: Callable[[], int], verb: str, own_process: bool = False) -> in
     except KeyboardInterrupt as error:  # before or after the time in which signals mean `Stopped`
         if own_process:  # a terminal's Ctrl-C comes twice: to the group, and from the guard
             signal.signal(signal.SIGINT, signal.SIG_IGN)
+        if verb in SWITCH_OFF:
+            text = "OUTPUT NOT CONFIRMED OFF: stopped by SIGINT before an answer. Type it again, or switch off by hand."
+            print(f"peltier {verb}: {text}", file=sys.stderr)
+            return 11
         print(f"peltier {verb}: stopped by SIGINT{_notes(error)}", file=sys.stderr)
         return 130
 

@@ -71,38 +71,54 @@ def _who_answers_instead(file: ConfigurationFile) -> Iterator[None]:
     Raises Faults for that, with the output off, confirmed, by a controller that answers at the ohmmeter's port;
     otherwise NotConfirmedOff, or the InstrumentError that it was.
     """
-    from rig.core.clock import RealClock
     from rig.core.errors import Corrupt, OutOfStep, TimedOut
     from rig.core.faults import Faults
     from rig.core.outcome import NotConfirmedOff
-    from rig.drivers.registry import open_controller
-    from rig.safety.switching_off import off_confirmed, switch_off
 
     try:
         yield
     except (NotConfirmedOff, TimedOut, Corrupt, OutOfStep) as error:
-        controller, meter = file.content.bench.controller, file.content.bench.meter
-        tables = {"controller": controller} | ({"meter": meter} if meter is not None else {})
-        drivers = [table.driver for table in tables.values()]
-        found = {} if file.content.simulated else {role: _who(table.port, drivers) for role, table in tables.items()}
-        lines = [
-            f"{file.path}: bench.{role}.port: {tables[role].port!r}: expected the {role} ({tables[role].driver}); "
-            f"there answers {who.identity} (driver {who.driver!r})"
-            for role, who in found.items()
-            if who is not None and who.driver != tables[role].driver
-        ]
+        if isinstance(error, NotConfirmedOff):  # whoever reads this may have to switch off by hand, at once
+            print(f"OUTPUT NOT CONFIRMED OFF: {error}. Asking who answers at the ports ...", file=sys.stderr, flush=True)
+        try:
+            lines, off = _others(file)
+        except BaseException as other:  # a signal, a port that is held: the output is not confirmed off all the same
+            if isinstance(error, NotConfirmedOff):
+                raise error from other
+            raise
         if not lines:
             raise
-        off = False
-        if meter is not None and (there := found["meter"]) is not None and there.driver == controller.driver:
-            lines.append(f"{file.path}: bench.controller.port, bench.meter.port: they are swapped; exchange them")
-            swapped = open_controller(controller.driver, meter.port, RealClock(), **controller.options)
-            off = switch_off(swapped).confirmed
-            swapped.close()
-            lines[-1] += f". {off_confirmed(swapped)}" if off else ""
         if isinstance(error, NotConfirmedOff) and not off:
             raise NotConfirmedOff("; ".join([*lines, str(error)])) from error
         raise Faults(lines) from error
+
+
+def _others(file: ConfigurationFile) -> tuple[list[str], bool]:
+    """A line for each port at which another instrument answers than expected, and whether the ports are swapped and the
+    controller, at the ohmmeter's port, confirmed its output off."""
+    from rig.core.clock import RealClock
+    from rig.drivers.registry import open_controller
+    from rig.safety.switching_off import off_confirmed, switch_off
+
+    controller, meter = file.content.bench.controller, file.content.bench.meter
+    tables = {"controller": controller} | ({"meter": meter} if meter is not None else {})
+    drivers = [table.driver for table in tables.values()]
+    found = {} if file.content.simulated else {role: _who(table.port, drivers) for role, table in tables.items()}
+    lines = [
+        f"{file.path}: bench.{role}.port: {tables[role].port!r}: expected the {role} ({tables[role].driver}); "
+        f"there answers {who.identity} (driver {who.driver!r})"
+        for role, who in found.items()
+        if who is not None and who.driver != tables[role].driver
+    ]
+    here, there = found.get("controller"), found.get("meter")
+    if meter is None or here is None or there is None or [there.driver, here.driver] != drivers:
+        return lines, False
+    lines.append(f"{file.path}: bench.controller.port, bench.meter.port: they are swapped; exchange them")
+    swapped = open_controller(controller.driver, meter.port, RealClock(), **controller.options)
+    off = switch_off(swapped).confirmed
+    swapped.close()
+    lines[-1] += f". {off_confirmed(swapped)}" if off else ""
+    return lines, off
 
 
 def _who(port: str, first: list[str]) -> Tried | None:

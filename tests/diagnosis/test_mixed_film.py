@@ -50,14 +50,14 @@ def search_of(record: Record) -> ResistanceSearch:
 
 def test_another_mixing_is_tried_at_last_where_much_is_left() -> None:
     """Without it the film leaves more than an effect that is missing would, so that it is not tried on the way."""
-    search = search_of(record_of(10.0, 1.5e-3))
+    search = search_of(record_of(10.0, 1.2e-3))  # with more noise a sum's rounding decides whether it is tried before
     before = search.fit(frozenset())
-    assert search.channel.mean_square(before) > 1.5
+    assert search.channel.mean_square(before) > 2.0
     assert not before.parameters.is_mixed
     assert mixed_at_last(search, frozenset()) == frozenset()
     after = search.fit(frozenset())
     assert after.parameters.is_mixed
-    assert search.channel.mean_square(after) < 1.2
+    assert search.channel.mean_square(after) < 1.3
     assert after.parameters.x[ENVELOPES + 1] == pytest.approx(EXPONENT, abs=0.1)
     assert mixed_at_last(search, frozenset()) is None  # once
 

@@ -59,9 +59,9 @@ OTHER = {  # indented blocks that are for reading: a page's name and how the blo
     "docs/epics.md": ["epics RIG ca"],
     "docs/many.md": ["Meerstetter TEC-1091"],
     "docs/own_effect.md": ["dT_p/dt"],
-    "docs/records.md": ["--column OURS", "film: transition"],
+    "docs/records.md": ["--column OURS", "film: transition", "temperature_degC: rows 367"],
     "docs/targets.md": ["rig.toml: experiment.target"],
-    "docs/model.md": ["hand moves", "v rises", "u = "],
+    "docs/model.md": ["hand moves", "v rises", "u = ", "C dT/dt"],
 }
 WRITTEN = [page for page in PAGES if "api" not in page.parts]
 UNTESTED = ("docs/decisions.md", "docs/measured.md")  # what was done and measured once: no page to type from
@@ -221,8 +221,8 @@ class Bench:
                 os.chdir(words[1])
             elif program == "peltier":
                 self.peltier([one for word in words[1:] for one in (sorted(glob.glob(word)) or [word])])
-            elif program == "pip":
-                for package in words[2:]:
+            elif words[1:3] == ["-m", "pip"]:
+                for package in words[4:]:
                     metadata.version(package)  # what a page has one install is what the tests have
             elif program == "lewis":
                 self.start([str(Path(sys.executable).parent / "lewis"), *words[1:]])

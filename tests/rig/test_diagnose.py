@@ -117,7 +117,7 @@ def test_the_report_is_one_page_with_figures_and_the_json_beside_it(diagnosed: t
     folder, _, said = diagnosed
     page = (folder / "report" / "report.html").read_text(encoding="utf-8")
     assert "Explained: film_lag" in page
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 10  # five figures, each for two widths
     assert "<script" not in page
     assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
         "http://creativecommons.org", ""

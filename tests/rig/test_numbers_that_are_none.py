@@ -53,7 +53,7 @@ def test_a_predictions_noise_too() -> None:
 def test_seconds_of_first_rows(first_s: float) -> None:
     time, v, y = film_record()
     record = Record.from_arrays({"time_s": time, "temperature_degC": v, "resistance_ohm": 10.0**-y})
-    with pytest.raises(Faults, match=r"--first: .*: expected a number of seconds > 0"):
+    with pytest.raises(Faults, match=r"first_s=.*: expected a number of seconds > 0"):
         rig.predict(Model(is_prandtl_ishlinskii(0), None), record, initial="fitted", first_s=first_s)
 
 
