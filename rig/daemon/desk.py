@@ -299,13 +299,13 @@ class Desk:
     def stop(self, by: str) -> Off:
         """Switch the output off at once, end the running job, take those that wait out of the queue, and begin none
         until a reset. What was asked for before the stop begins only when somebody asks for it again."""
-        with self.lock:  # first, so that no job starts in between
+        with self.lock:  # first, so that no job starts in between; nothing before "off" asks a disk
             self.latching.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
-            waited = [job for table in self.queue.tables() if (job := self.queue.remove(table["id"])) is not None]
         off = self._switched_off(JobStopped(f"stopped by {by}"))
+        waited = self.queue.take_waiting()
         self.latching.keep()
         reason = f"it waited when the bench was stopped by {by}: ask for it again after `peltier reset`"
-        for job in waited[::-1]:
+        for job in waited:
             self._taken_out(job, reason)
         said = f"output off, confirmed in {1e3 * off.took_s:.0f} ms" if off.confirmed else "OUTPUT NOT CONFIRMED OFF"
         self.enter_in_log(f"STOP by {by}: {said}; {len(waited)} jobs that waited are out of the queue")

@@ -63,7 +63,10 @@ class Job:
 
 def report_of(number: str, folder: str | None) -> str | None:
     """Where the page has the report of a job's folder; None where there is none yet."""
-    there = folder is not None and (Path(folder) / "report.html").is_file()
+    try:
+        there = folder is not None and (Path(folder) / "report.html").is_file()
+    except OSError:  # a folder that does not answer
+        return None
     return f"/runs/{number}/report.html" if there else None
 
 
@@ -116,16 +119,23 @@ class Queue:
                     return self._waiting.pop(k)
         return None
 
+    def take_waiting(self) -> list[Job]:
+        """All that wait, taken out, the oldest first."""
+        with self._lock:
+            waited, self._waiting = self._waiting, []
+            return waited
+
     def find(self, number: str) -> Job | None:
         """A job that waits, runs, or was among the last that ended."""
         return self._known.get(number)
 
     def keep(self, job: Job) -> None:
         """A job that has ended."""
+        table = job.table()
         with self._lock:
             if self.running is job:
                 self.running = None
-            self._ended = [*self._ended, job.table()][-KEPT:]
+            self._ended = [*self._ended, table][-KEPT:]
             self._followed.append(job.id)
             while len(self._followed) > FOLLOWED:
                 self._known.pop(self._followed.pop(0), None)
@@ -134,12 +144,14 @@ class Queue:
         """All of them, the newest first: those that wait, the one that runs, those that ended."""
         with self._lock:
             running = [self.running] if self.running is not None else []
-            return [job.table() for job in [*self._waiting[::-1], *running]] + [_now(job) for job in self._ended[::-1]]
+            jobs, ended = [*self._waiting[::-1], *running], self._ended[::-1]
+        return [job.table() for job in jobs] + [_now(table) for table in ended]
 
     def last_ended(self) -> dict[str, Any] | None:
         """The job that ended last; None where none has."""
         with self._lock:
-            return _now(self._ended[-1]) if self._ended else None
+            last = self._ended[-1] if self._ended else None
+        return _now(last) if last is not None else None
 
 
 def _now(table: dict[str, Any]) -> dict[str, Any]:

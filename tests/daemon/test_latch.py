@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import sqlite3
 import threading
@@ -287,3 +288,59 @@ def test_a_trip_during_a_reset_stays(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert kept.told is not None
     assert (kept.told.cause, (read(path) or first.kept()).cause) == ("two", "two")
     kept.close()
+
+
+class Disk:
+    """A folder of runs that fails (EIO), or hangs until it is released. asked: how often anybody looked for a report."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, hangs: bool) -> None:
+        self.asked, self.answers = 0, threading.Event()
+        whole = Path.is_file
+
+        def is_file(path: Path) -> bool:
+            if path.name != "report.html":
+                return whole(path)
+            self.asked += 1
+            if not hangs:
+                raise OSError(errno.EIO, "Input/output error", str(path))
+            return self.answers.wait(20.0)
+
+        monkeypatch.setattr(Path, "is_file", is_file)
+
+
+class Output:
+    """A controller that knows whether it was told "off"."""
+
+    def __init__(self) -> None:
+        self.is_off = threading.Event()
+
+    def off(self) -> bool:
+        self.is_off.set()
+        return True
+
+
+def ended_job(number: str, folder: Path, **more: Any) -> dict[str, Any]:
+    table = {"id": number, "name": "one", "kind": "track", "state": "failed", "queued_s": 1.0, "started_s": 2.0}
+    return {**table, "ended_s": 3.0, "reason": "x", "folder": str(folder), "report": None, "exit_status": 1, **more}
+
+
+@pytest.mark.parametrize("how", ["fails", "hangs"])
+def test_stop_switches_off_whatever_the_disk_with_the_runs_does(
+    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    """Runs on a network's disk that is gone: whoever presses STOP must not wait for it with the heater on."""
+    with life(file) as desk:
+        output = Output()
+        desk.gate.attach(output)  # type: ignore[arg-type]
+        desk.queue.remember([ended_job("old", file.path.parent)])
+        disk = Disk(monkeypatch, how == "hangs")
+        waiting = desk.submit(file).id if how == "fails" else None
+        stops = threading.Thread(target=desk.stop, args=("a test",), daemon=True)
+        stops.start()
+        assert output.is_off.wait(5.0)
+        disk.answers.set()
+        stops.join(20.0)
+        assert not stops.is_alive()
+        assert (desk.output, len(desk.queue)) == ("off", 0)
+        if waiting is not None:
+            assert [job["state"] for job in desk.queue.tables() if job["id"] == waiting] == ["stopped"]
