@@ -39,13 +39,13 @@ class Job:
     ended_s: float | None = None
     reason: str | None = None
     folder: Path | None = None
+    report: str | None = None  # where the page has it
     exit_status: int | None = None
     result: dict[str, Any] | None = None
     said: list[str] = field(default_factory=list)
 
     def table(self) -> dict[str, Any]:
-        """As others see it."""
-        folder = str(self.folder) if self.folder is not None else None
+        """As others see it. No disk is asked: the loop's thread tells this, too."""
         return {
             "id": self.id,
             "name": self.name,
@@ -55,8 +55,8 @@ class Job:
             "started_s": self.started_s,
             "ended_s": self.ended_s,
             "reason": self.reason,
-            "folder": folder,
-            "report": report_of(self.id, folder),
+            "folder": str(self.folder) if self.folder is not None else None,
+            "report": self.report,
             "exit_status": self.exit_status,
         }
 
@@ -131,29 +131,30 @@ class Queue:
 
     def keep(self, job: Job) -> None:
         """A job that has ended."""
-        table = job.table()
         with self._lock:
             if self.running is job:
                 self.running = None
-            self._ended = [*self._ended, table][-KEPT:]
+            self._ended = [*self._ended, job.table()][-KEPT:]
             self._followed.append(job.id)
             while len(self._followed) > FOLLOWED:
                 self._known.pop(self._followed.pop(0), None)
+
+    def reported(self, number: str, report: str) -> dict[str, Any] | None:
+        """An ended job whose report was written since, as it is now; None where that is known, or there is none."""
+        with self._lock:
+            for k, table in enumerate(self._ended):
+                if table["id"] == number and not table.get("report"):
+                    self._ended[k] = {**table, "report": report}
+                    return self._ended[k]
+        return None
 
     def tables(self) -> list[dict[str, Any]]:
         """All of them, the newest first: those that wait, the one that runs, those that ended."""
         with self._lock:
             running = [self.running] if self.running is not None else []
-            jobs, ended = [*self._waiting[::-1], *running], self._ended[::-1]
-        return [job.table() for job in jobs] + [_now(table) for table in ended]
+            return [job.table() for job in [*self._waiting[::-1], *running]] + self._ended[::-1]
 
     def last_ended(self) -> dict[str, Any] | None:
         """The job that ended last; None where none has."""
         with self._lock:
-            last = self._ended[-1] if self._ended else None
-        return _now(last) if last is not None else None
-
-
-def _now(table: dict[str, Any]) -> dict[str, Any]:
-    """An ended job with its report, which may have been written since."""
-    return table if table.get("report") else {**table, "report": report_of(table["id"], table["folder"])}
+            return self._ended[-1] if self._ended else None

@@ -18,7 +18,7 @@ from rig.daemon.configured_paths import model_of
 from rig.daemon.desk import Desk
 from rig.daemon.experiment import Watcher, calibrate_watched, run_watched
 from rig.daemon.gate import Pass, StoppableClock
-from rig.daemon.job import Job, JobStopped
+from rig.daemon.job import Job, JobStopped, report_of
 from rig.daemon.row import row_of
 from rig.experiment.calibration import Calibration
 from rig.experiment.expected import Phases, still_to_come
@@ -156,6 +156,7 @@ class JobRun(Watcher):
         job.ended_s = desk.label_s()
         if end.state != "done":
             job.folder = part_of(job.out) if part_of(job.out).is_dir() else None
+        job.report = report_of(job.id, str(job.folder) if job.folder is not None else None)
         desk.queue.keep(job)
         desk.job_changed(job)
         desk.wake.set()

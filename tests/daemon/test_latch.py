@@ -344,3 +344,30 @@ def test_stop_switches_off_whatever_the_disk_with_the_runs_does(
         assert (desk.output, len(desk.queue)) == ("off", 0)
         if waiting is not None:
             assert [job["state"] for job in desk.queue.tables() if job["id"] == waiting] == ["stopped"]
+
+
+def test_the_state_asks_no_disk(file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is told from the loop's thread at each phase: a disk that hangs would leave the heater on unwatched."""
+    with life(file) as desk:
+        desk.queue.remember([ended_job("old", file.path.parent)])
+        disk = Disk(monkeypatch, hangs=False)
+        assert desk.state()["last_job"]["id"] == "old"
+        desk.changed()
+        desk.queue.tables()
+        assert disk.asked == 0
+
+
+def test_a_report_that_was_written_after_the_daemon_ended_is_found(file: ConfigurationFile) -> None:
+    """Its guard wrote it: the page and `peltier status` have to show where the report of that run is."""
+    folder = file.path.parent / "left.part"
+    folder.mkdir()
+    with life(file) as desk:
+        desk.writer.do(lambda store: store.save_job(ended_job("old", folder)))
+        assert desk.writer.settle()
+    (folder / "report.html").write_text("a report")
+    with life(file) as desk:
+        until(lambda: desk.state()["last_job"]["report"] == "/runs/old/report.html", "the report")
+        assert desk.writer.settle()
+    (folder / "report.html").unlink()
+    with life(file) as desk:  # what was found is kept
+        assert (desk.queue.last_ended() or {})["report"] == "/runs/old/report.html"
