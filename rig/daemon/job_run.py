@@ -162,6 +162,7 @@ class JobRun(Watcher):
         if told_first:
             self._report()
             desk.look_for_report(job.table())
+        self._bench.guard.records("")
 
     def _report(self) -> None:
         """The reports of what was recorded until it ended early."""
