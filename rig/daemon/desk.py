@@ -73,7 +73,7 @@ class Desk:
         self.ticks = Ticks()
         self.output: Literal["on", "off", "unknown"] = "unknown"  # one word: no thread sees half of a change
         self.after_off: AfterOff | None = None  # what the temperature says of an output that went off
-        self._not_off: str | None = None  # what the guard wrote of the job that ran when the daemon's process died
+        self.not_off: str | None = None  # what the guard wrote of the job that ran when the daemon's process died
         self.online = False
         self.offline_because = ""
         self.in_loop = False
@@ -155,7 +155,7 @@ class Desk:
         jobs = [job for job in store.jobs() if job["id"] not in ours]
         for job in jobs:
             if job["state"] in ("queued", "running"):
-                self._not_off = self._not_off or not_confirmed_off(job["folder"])
+                self.not_off = self.not_off or not_confirmed_off(job["folder"])
                 left += [job["folder"]] if job["folder"] is not None else []
                 job |= {"state": "stopped", "ended_s": self.label_s(), "reason": ENDED}
                 store.save_job(job)
@@ -222,17 +222,17 @@ class Desk:
         latch = self.latching.told
         if latch is not None and latch.state != STOPPED and latch.number is None:
             self._save_trip(store, latch)  # it came from the latch's file, or the history had no room for it
-        if self._not_off is not None:
+        if self.not_off is not None:
             self.contradicted = True
             self.output_now("off", confirmed=False)
             self._hold_not_off()
 
     def _hold_not_off(self) -> None:
         """Latch what the guard wrote of a job that ran when the daemon's process died, where it was not known off."""
-        if self._not_off is not None:
-            self.latching.hold(tripped(OFF_CONTRADICTED, self._not_off, self.label_s(), self.recent))
+        if self.not_off is not None:
+            self.latching.hold(tripped(OFF_CONTRADICTED, self.not_off, self.label_s(), self.recent))
             self.latching.keep()
-        self._not_off = None
+        self.not_off = None
 
     def _save_trip(self, store: Store, latch: Latch) -> None:
         """In the writer's thread: the trip with its rows, new or as it has become."""

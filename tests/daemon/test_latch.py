@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import json
 import os
 import sqlite3
 import threading
@@ -24,6 +25,7 @@ from rig.daemon.latch_file import LATCH, read, write
 from rig.daemon.latching import Latching, NotCleared
 from rig.daemon.serving import bench_of
 from rig.files.configuration import ConfigurationFile, read_configuration
+from rig.guard.left_behind import DIED
 from rig.history import reading
 from tests.daemon.benches import SERVE, until, write_current
 
@@ -371,3 +373,28 @@ def test_a_report_that_was_written_after_the_daemon_ended_is_found(file: Configu
     (folder / "report.html").unlink()
     with life(file) as desk:  # what was found is kept
         assert (desk.queue.last_ended() or {})["report"] == "/runs/old/report.html"
+
+
+def test_no_job_starts_between_finding_and_latching_that_an_output_was_left_on(
+    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The history could not be read at the start: what it says is latched with the next rows, and a job that waits
+    would begin before them."""
+    folder = file.path.parent / "left.part"
+    folder.mkdir()
+    stop = {"reason": DIED, "text": "the temperature goes on", "output_off_confirmed": False}
+    (folder / "run.json").write_text(json.dumps({"stop": stop}))
+    with life(file) as desk:
+        desk.writer.do(lambda store: store.save_job(ended_job("old", folder, state="running", ended_s=None)))
+        assert desk.writer.settle()
+    with monkeypatch.context() as patched:
+        patched.setattr("rig.daemon.desk.Store", no_room)
+        desk = Desk(file, RealClock(), [])
+    desk.output_now("off")
+    desk.writer.start()
+    until(lambda: desk.had_history, "the history")
+    assert any("the temperature goes on" in line for line in no_job_because(desk))
+    rows(desk)
+    assert desk.latch is not None
+    assert any("the temperature goes on" in line for line in no_job_because(desk))
+    desk.close()
