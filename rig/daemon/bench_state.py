@@ -76,6 +76,8 @@ def no_job_because(desk: Desk) -> list[str]:
         found.append(f"the history cannot be written: {desk.writer.failure}")
     elif not desk.had_history and desk.writer.trouble is not None:
         found.append(f"the history cannot be read yet: {desk.writer.trouble.text}")
+    if (not_off := desk.not_off) is not None:
+        found.append(f"a job of before was left with its output not confirmed off: {not_off}")  # and is latched soon
     if not desk.confirmed:
         found.append("the output is not confirmed off")
     return found

@@ -24,7 +24,7 @@ from rig.daemon.configured_paths import history_folder, model_of
 from rig.daemon.ended_before import OFF_CONTRADICTED, not_confirmed_off, report_left_behind
 from rig.daemon.gaps import Gaps
 from rig.daemon.gate import Gate, Off
-from rig.daemon.job import Job, JobStopped, Queue, new_id
+from rig.daemon.job import Job, JobStopped, Queue, new_id, report_of
 from rig.daemon.latch import STOPPED, Latch, tripped
 from rig.daemon.latch_file import LATCH
 from rig.daemon.latch_found import found_at_start
@@ -73,7 +73,7 @@ class Desk:
         self.ticks = Ticks()
         self.output: Literal["on", "off", "unknown"] = "unknown"  # one word: no thread sees half of a change
         self.after_off: AfterOff | None = None  # what the temperature says of an output that went off
-        self._not_off: str | None = None  # what the guard wrote of the job that ran when the daemon's process died
+        self.not_off: str | None = None  # what the guard wrote of the job that ran when the daemon's process died
         self.online = False
         self.offline_because = ""
         self.in_loop = False
@@ -134,12 +134,14 @@ class Desk:
         store = Store(self.folder / HISTORY, Retention(serve.raw_days, serve.minute_days, serve.hour_days))
         ours = self.queue.tables()[::-1]  # where it is begun anew, or has come back, while the daemon runs
         try:
-            self.queue.remember(self._jobs_of_before(store, {job["id"] for job in ours}))
+            before, left = self._jobs_of_before(store, {job["id"] for job in ours})
+            self.queue.remember(before)
             for job in ours:
                 store.save_job(job)
         except BaseException:
             store.close()
             raise
+        threading.Thread(target=self._reports_of_before, args=(before, left), name="reports", daemon=True).start()
         if self.had_history and not was_there:
             self.note(f"history: {store.path} was moved or deleted while the daemon ran; a new one was begun")
         self.had_history = True
@@ -147,19 +149,33 @@ class Desk:
             self.notes = [*self.notes, store.damage]
         return store
 
-    def _jobs_of_before(self, store: Store, ours: set[str]) -> list[dict[str, Any]]:
-        """Those that are not ours. What waited or ran when the daemon ended does not go on."""
-        left: list[str | None] = []
+    def _jobs_of_before(self, store: Store, ours: set[str]) -> tuple[list[dict[str, Any]], list[str]]:
+        """Those that are not ours. What waited or ran when the daemon ended does not go on: the folders of these."""
+        left: list[str] = []
         jobs = [job for job in store.jobs() if job["id"] not in ours]
         for job in jobs:
             if job["state"] in ("queued", "running"):
-                self._not_off = self._not_off or not_confirmed_off(job["folder"])
-                left.append(job["folder"])
+                self.not_off = self.not_off or not_confirmed_off(job["folder"])
+                left += [job["folder"]] if job["folder"] is not None else []
                 job |= {"state": "stopped", "ended_s": self.label_s(), "reason": ENDED}
                 store.save_job(job)
-        if folders := [folder for folder in left if folder is not None]:
-            threading.Thread(target=report_left_behind, args=(folders,), name="reports", daemon=True).start()
-        return jobs
+        return jobs, left
+
+    def _reports_of_before(self, jobs: list[dict[str, Any]], left: list[str]) -> None:
+        """In a thread of its own, as disks may hang: what was written since the daemon ended, and what nobody wrote."""
+        for job in jobs:
+            self.look_for_report(job)
+        if left:
+            report_left_behind(left)
+            for job in jobs:
+                self.look_for_report(job)
+
+    def look_for_report(self, job: dict[str, Any]) -> None:
+        """Keep and tell that an ended job has a report by now; asks the disk."""
+        report = report_of(job["id"], job["folder"]) if not job.get("report") else None
+        if report is not None and (table := self.queue.reported(job["id"], report)) is not None:
+            self.writer.do(lambda store: store.save_job(table))
+            self.announcer.tell("job", table)
 
     # -- what happens on the bench -------------------------------------------------------------------------------
 
@@ -206,17 +222,17 @@ class Desk:
         latch = self.latching.told
         if latch is not None and latch.state != STOPPED and latch.number is None:
             self._save_trip(store, latch)  # it came from the latch's file, or the history had no room for it
-        if self._not_off is not None:
+        if self.not_off is not None:
             self.contradicted = True
             self.output_now("off", confirmed=False)
             self._hold_not_off()
 
     def _hold_not_off(self) -> None:
         """Latch what the guard wrote of a job that ran when the daemon's process died, where it was not known off."""
-        if self._not_off is not None:
-            self.latching.hold(tripped(OFF_CONTRADICTED, self._not_off, self.label_s(), self.recent))
+        if self.not_off is not None:
+            self.latching.hold(tripped(OFF_CONTRADICTED, self.not_off, self.label_s(), self.recent))
             self.latching.keep()
-        self._not_off = None
+        self.not_off = None
 
     def _save_trip(self, store: Store, latch: Latch) -> None:
         """In the writer's thread: the trip with its rows, new or as it has become."""
@@ -299,13 +315,13 @@ class Desk:
     def stop(self, by: str) -> Off:
         """Switch the output off at once, end the running job, take those that wait out of the queue, and begin none
         until a reset. What was asked for before the stop begins only when somebody asks for it again."""
-        with self.lock:  # first, so that no job starts in between
+        with self.lock:  # first, so that no job starts in between; nothing before "off" asks a disk
             self.latching.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
-            waited = [job for table in self.queue.tables() if (job := self.queue.remove(table["id"])) is not None]
         off = self._switched_off(JobStopped(f"stopped by {by}"))
+        waited = self.queue.take_waiting()
         self.latching.keep()
         reason = f"it waited when the bench was stopped by {by}: ask for it again after `peltier reset`"
-        for job in waited[::-1]:
+        for job in waited:
             self._taken_out(job, reason)
         said = f"output off, confirmed in {1e3 * off.took_s:.0f} ms" if off.confirmed else "OUTPUT NOT CONFIRMED OFF"
         self.enter_in_log(f"STOP by {by}: {said}; {len(waited)} jobs that waited are out of the queue")

@@ -5,13 +5,15 @@ Import-light.
 
 from __future__ import annotations
 
+import contextlib
 import json
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from rig.guard.left_behind import DIED, REPORT_S, report_of
+from rig.guard.left_behind import DIED, REPORT_S, begin_report
 
 OFF_CONTRADICTED = "off_contradicted"  # the trip of a temperature that goes on as if the output were on
 
@@ -49,8 +51,13 @@ def report_left_behind(folders: list[str]) -> None:
     """Write the reports of jobs that ran when the daemon ended, where their guard has not: it may have died, too."""
     time.sleep(GUARD_S)
     for folder in folders:
-        if not (Path(folder) / "report.html").exists():
-            report_of(folder)
+        with contextlib.suppress(OSError):
+            if not (Path(folder) / "report.html").exists() and (draws := begin_report(folder)) is not None:
+                try:
+                    draws.wait(REPORT_S)
+                except subprocess.TimeoutExpired:
+                    draws.kill()
+                    draws.wait()
 
 
 def _ends(folder: str | None) -> Iterator[tuple[bool, str]]:

@@ -39,13 +39,13 @@ class Job:
     ended_s: float | None = None
     reason: str | None = None
     folder: Path | None = None
+    report: str | None = None  # where the page has it
     exit_status: int | None = None
     result: dict[str, Any] | None = None
     said: list[str] = field(default_factory=list)
 
     def table(self) -> dict[str, Any]:
-        """As others see it."""
-        folder = str(self.folder) if self.folder is not None else None
+        """As others see it. No disk is asked: the loop's thread tells this, too."""
         return {
             "id": self.id,
             "name": self.name,
@@ -55,15 +55,18 @@ class Job:
             "started_s": self.started_s,
             "ended_s": self.ended_s,
             "reason": self.reason,
-            "folder": folder,
-            "report": report_of(self.id, folder),
+            "folder": str(self.folder) if self.folder is not None else None,
+            "report": self.report,
             "exit_status": self.exit_status,
         }
 
 
 def report_of(number: str, folder: str | None) -> str | None:
     """Where the page has the report of a job's folder; None where there is none yet."""
-    there = folder is not None and (Path(folder) / "report.html").is_file()
+    try:
+        there = folder is not None and (Path(folder) / "report.html").is_file()
+    except OSError:  # a folder that does not answer
+        return None
     return f"/runs/{number}/report.html" if there else None
 
 
@@ -116,6 +119,12 @@ class Queue:
                     return self._waiting.pop(k)
         return None
 
+    def take_waiting(self) -> list[Job]:
+        """All that wait, taken out, the oldest first."""
+        with self._lock:
+            waited, self._waiting = self._waiting, []
+            return waited
+
     def find(self, number: str) -> Job | None:
         """A job that waits, runs, or was among the last that ended."""
         return self._known.get(number)
@@ -130,18 +139,22 @@ class Queue:
             while len(self._followed) > FOLLOWED:
                 self._known.pop(self._followed.pop(0), None)
 
+    def reported(self, number: str, report: str) -> dict[str, Any] | None:
+        """An ended job whose report was written since, as it is now; None where that is known, or there is none."""
+        with self._lock:
+            for k, table in enumerate(self._ended):
+                if table["id"] == number and not table.get("report"):
+                    self._ended[k] = {**table, "report": report}
+                    return self._ended[k]
+        return None
+
     def tables(self) -> list[dict[str, Any]]:
         """All of them, the newest first: those that wait, the one that runs, those that ended."""
         with self._lock:
             running = [self.running] if self.running is not None else []
-            return [job.table() for job in [*self._waiting[::-1], *running]] + [_now(job) for job in self._ended[::-1]]
+            return [job.table() for job in [*self._waiting[::-1], *running]] + self._ended[::-1]
 
     def last_ended(self) -> dict[str, Any] | None:
         """The job that ended last; None where none has."""
         with self._lock:
-            return _now(self._ended[-1]) if self._ended else None
-
-
-def _now(table: dict[str, Any]) -> dict[str, Any]:
-    """An ended job with its report, which may have been written since."""
-    return table if table.get("report") else {**table, "report": report_of(table["id"], table["folder"])}
+            return self._ended[-1] if self._ended else None

@@ -18,7 +18,7 @@ from rig.daemon.configured_paths import model_of
 from rig.daemon.desk import Desk
 from rig.daemon.experiment import Watcher, calibrate_watched, run_watched
 from rig.daemon.gate import Pass, StoppableClock
-from rig.daemon.job import Job, JobStopped
+from rig.daemon.job import Job, JobStopped, report_of
 from rig.daemon.row import row_of
 from rig.experiment.calibration import Calibration
 from rig.experiment.expected import Phases, still_to_come
@@ -148,17 +148,29 @@ class JobRun(Watcher):
             desk.trip(end.trip, end.trip_text or end.reason or end.trip)
             if end.trip in NO_VOICE:
                 desk.after_off = None
-        if end.exit_status != 0 and self._pass.void is None and part_of(job.out).is_dir():
-            from rig.report.run import write_missing_reports
-
-            write_missing_reports(part_of(job.out))
+        told_first = end.exit_status == NotConfirmedOff.exit_status  # nobody waits for a report with the heater on
+        if end.exit_status != 0 and not told_first:
+            self._report()
         job.state, job.reason, job.exit_status = end.state, end.reason, end.exit_status
         job.ended_s = desk.label_s()
         if end.state != "done":
             job.folder = part_of(job.out) if part_of(job.out).is_dir() else None
+        job.report = report_of(job.id, str(job.folder) if job.folder is not None else None)
         desk.queue.keep(job)
         desk.job_changed(job)
         desk.wake.set()
+        if told_first:
+            self._report()
+            desk.look_for_report(job.table())
+        self._bench.guard.records("")
+
+    def _report(self) -> None:
+        """The reports of what was recorded until it ended early."""
+        part = part_of(self._job.out)
+        if self._pass.void is None and part.is_dir():
+            from rig.report.run import write_missing_reports
+
+            write_missing_reports(part)
 
     def _configure(self, content: Any) -> None:
         """The job's limits and integration time; the output stays off."""

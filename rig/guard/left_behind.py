@@ -48,13 +48,12 @@ def write_end(left: Left | None, text: str, confirmed: bool) -> str:
     return unfinished
 
 
-def report_of(folder: str) -> bool:
-    """Whether the report of a run that was left behind could be written, by a process of its own: the guard stays
-    small, and a report that fails fails nobody else."""
+def begin_report(folder: str) -> subprocess.Popen[bytes] | None:
+    """Begin to draw the report of a run that was left behind, in a process of its own that may outlive this one: the
+    guard stays small, and a report that fails fails nobody else. None where no process can be begun."""
     quiet = subprocess.DEVNULL
     command = [sys.executable, "-P", "-m", "rig", "report", folder]
     try:
-        done = subprocess.run(command, stdin=quiet, stdout=quiet, stderr=quiet, timeout=REPORT_S, check=False)
+        return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
     except (OSError, subprocess.SubprocessError):
-        return False
-    return done.returncode == 0
+        return None

@@ -8,7 +8,7 @@
     busy      the output is armed: `alive` has to come from now on
     idle      the output is off, confirmed; nothing has to come
     expects   what the thermometer would show if the output went off now (`rig.safety.after_off.Courses`), or null
-    records   a run begins: the folder that it writes into
+    records   a run begins: the folder that it writes into; "" where a daemon's job is over, and told
     .         alive: a tick of the loop was completed
 
 A pipe whose reader has gone says that the guard is dead: `alive` then raises `GuardGone`, and the output is off on the
@@ -85,7 +85,7 @@ class Guard(Protocol):
         """A tick was completed. Raises GuardGone where the guard has died, or is suspended."""
 
     def records(self, folder: str) -> None:
-        """A run begins, which writes into this folder."""
+        """A run begins, which writes into this folder; "" where it is over, and its report drawn."""
 
     def expects(self, courses: Courses | None) -> None:
         """What the thermometer would show if the output went off now, None where no reading could choose."""

@@ -32,7 +32,7 @@ from rig.core.outcome import NotConfirmedOff
 from rig.core.patient_lines import PatientLines
 from rig.guard.keep_trying import keep_trying
 from rig.guard.last_breath import LastBreath
-from rig.guard.left_behind import Left, report_of, write_end
+from rig.guard.left_behind import Left, begin_report, write_end
 from rig.guard.line import UNGUARDED, Guard, GuardLine
 from rig.guard.takeover import Held, look_once_more, off_at_once, prepare, sentence, switch_off, temperature_after
 from rig.safety.after_off import Courses, courses_of
@@ -225,7 +225,7 @@ class _Watch:
             self._courses = courses_of(table) if table is not None else None
             self._courses_s = time.monotonic()
         elif event == "records":
-            self._left = Left(**message)  # type: ignore[arg-type]
+            self._left = Left(**message) if message["folder"] else None  # type: ignore[arg-type]
         else:
             self._busy, self._courses = event == "busy", None
             if self._busy:  # the output is armed anew: that an earlier off was not confirmed is told, and over
@@ -312,6 +312,6 @@ class _Watch:
             self._report(folder)
 
     def _report(self, folder: str) -> None:
-        """Of a run that had no time for one. Where it has rows, that is: others have no report."""
-        if report_of(folder):
-            self.tell(f"report: {folder}/report.html")
+        """Of a run that had no time for one. Nobody waits for it: the exit status, and a restart, are more urgent."""
+        if begin_report(folder) is not None:
+            self.tell(f"its report is drawn now, where it has rows enough: {folder}/report.html")

@@ -174,7 +174,7 @@ class Writer:
         while True:
             with self._changed:
                 rests_s = self._rests_until_s - time.monotonic()
-                self._changed.wait_for(self._something_to_do, rests_s if rests_s > 0.0 and self._waiting else None)
+                self._changed.wait_for(self._something_to_do, rests_s if rests_s > 0.0 else None)
                 ends_s, new, head = self._ends_s, self._unshown(), self._head()
             if ends_s is None and time.monotonic() < self._rests_until_s:
                 self._follow(new)
@@ -184,7 +184,7 @@ class Writer:
             if ends_s is not None and (not self._waiting or time.monotonic() > ends_s):
                 if self.store is not None:
                     self._done(lambda store: store.roll_up(0.0, everything=True, aged_s=self._aged.aged_s()))
-                    self.store.close()
+                    self._let_go()  # unless that found it gone
                 return
 
     def _something_to_do(self) -> bool:
@@ -261,7 +261,7 @@ class Writer:
         except (sqlite3.Error, OSError) as error:
             self._hindered(trouble_of(error, self.path), time.monotonic() - begin_s)
             return False
-        if self.trouble is not None:
+        if self.trouble is not None or (self._lost is not None and self._rows < MOST_WAITING // 2):
             self._over()
         return True
 
@@ -308,9 +308,10 @@ class Writer:
         if self._said:
             self._say(f"the history is written again; {self._rows} rows had waited for that", False)
         self._said = False
-        if self._lost is not None:
-            self._say(self._lack(*self._lost), True)
-        self._lost = None
+        with self._changed:
+            lost, self._lost = self._lost, None
+        if lost is not None:
+            self._say(self._lack(*lost), True)
 
     def _lack(self, rows: int, first_s: float, last_s: float) -> str:
         at = [time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(time_s)) for time_s in (first_s, last_s)]

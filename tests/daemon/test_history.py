@@ -11,6 +11,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -375,6 +376,59 @@ def test_a_memory_that_is_full_is_told_and_holds_up_nobody(tmp_path: Path, monke
     assert told.failures == []
     assert [line for line in told.lines if "lacks 40 rows" in line]
     assert stored_times(path) == {NOON_S + k for k in range(100)}
+
+
+def test_a_history_that_was_moved_before_the_end_ends_without_a_traceback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fallen: list[Any] = []
+    monkeypatch.setattr("threading.excepthook", fallen.append)
+    path, told = tmp_path / "h.sqlite", Told()
+    writer = told.writer(path)
+    writer.open()
+    writer.start()
+    writer.row(row(NOON_S), 0.0)
+    assert writer.settle()
+    path.rename(tmp_path / "moved.sqlite")
+    writer.stop()
+    assert fallen == []
+    assert ["moved or deleted" in text for text in told.failures] == [True]
+
+
+def test_what_comes_while_nothing_waits_in_a_rest_is_written_after_it(tmp_path: Path) -> None:
+    """While the instruments are away no row comes that would wake the thread: a trip or a job has to be kept."""
+    writer = Told().writer(tmp_path / "h.sqlite")
+    writer.open()
+    writer._rests_until_s = time.monotonic() + 0.5  # as it gathers rows
+    writer.start()
+    time.sleep(0.1)
+    try:
+        assert writer.settle(10.0)
+    finally:
+        writer.stop()
+
+
+def test_rows_that_a_slow_disk_has_cost_are_told_when_it_has_caught_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that is slow and does not fail: a gap in the history must not be news at the daemon's end alone."""
+    monkeypatch.setattr("rig.history.writer.MOST_WAITING", 10)
+    monkeypatch.setattr("rig.history.writer.ROOM_S", 0.05)
+    answers, add = threading.Event(), Store.add
+    monkeypatch.setattr(Store, "add", lambda *given: (answers.wait(60.0), add(*given))[1])
+    told = Told()
+    writer = told.writer(tmp_path / "h.sqlite")
+    writer.open()
+    writer.start()
+    for k in range(30):
+        writer.row(row(NOON_S + k), float(k))
+    answers.set()
+    try:
+        assert writer.settle()
+        assert writer.trouble is None
+        assert ["lacks 20 rows" in line for line in told.lines] == [True]
+    finally:
+        writer.stop()
 
 
 def test_memory_is_enough_for_half_an_hour(tmp_path: Path) -> None:

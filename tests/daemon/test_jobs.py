@@ -14,12 +14,14 @@ import rig.daemon.job_run
 import rig.daemon.keeper
 from rig.core.errors import Disconnected
 from rig.core.faults import Faults
+from rig.core.outcome import NotConfirmedOff
 from rig.daemon.admission import admit, by_text
 from rig.daemon.answers import Answers, Refusal
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.experiment.expected import still_to_come
 from rig.files.configuration import read_configuration
+from rig.files.run_folder import part_of
 from rig.history import reading
 from rig.ports.registry import unregister
 from tests.daemon.benches import LONGEST_S, SERVE, RunningBench, running, until, write_current
@@ -259,6 +261,33 @@ def test_a_job_that_is_ended_without_its_thread_leaves_the_bench_to_the_idle_loo
     assert table(bench, number)["reason"] == "gone"
     bench.desk.reset("looked at")
     bench.until_state("idle")
+
+
+def test_an_output_that_is_not_confirmed_off_is_told_before_a_report_is_drawn(
+    bench: RunningBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever waits at `peltier run` has to go and switch off by hand: drawing takes seconds to minutes."""
+    draws, drawn = threading.Event(), threading.Event()
+
+    def run_watched(bench: Any, file: Any, path: Path, *_: Any) -> Any:
+        part_of(path).mkdir(parents=True)
+        raise NotConfirmedOff("a test's port: it is on")
+
+    def write_missing_reports(part: Path) -> None:
+        draws.set()
+        drawn.wait(LONGEST_S)
+        (part / "report.html").write_text("a report")
+
+    monkeypatch.setattr("rig.daemon.job_run.run_watched", run_watched)
+    monkeypatch.setattr("rig.report.run.write_missing_reports", write_missing_reports)
+    number = submit(bench, SHORT, "hot")
+    until(draws.is_set, "the report")
+    try:
+        told = table(bench, number)
+        assert (told["state"], told["exit_status"], told["report"]) == ("tripped", 11, None)
+    finally:
+        drawn.set()
+    until(lambda: table(bench, number)["report"] == f"/runs/{number}/report.html", "what is told of the report")
 
 
 def test_another_instrument_on_the_same_cable_is_waited_out(

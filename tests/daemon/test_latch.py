@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import json
 import os
 import sqlite3
 import threading
@@ -23,6 +25,7 @@ from rig.daemon.latch_file import LATCH, read, write
 from rig.daemon.latching import Latching, NotCleared
 from rig.daemon.serving import bench_of
 from rig.files.configuration import ConfigurationFile, read_configuration
+from rig.guard.left_behind import DIED
 from rig.history import reading
 from tests.daemon.benches import SERVE, until, write_current
 
@@ -287,3 +290,111 @@ def test_a_trip_during_a_reset_stays(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert kept.told is not None
     assert (kept.told.cause, (read(path) or first.kept()).cause) == ("two", "two")
     kept.close()
+
+
+class Disk:
+    """A folder of runs that fails (EIO), or hangs until it is released. asked: how often anybody looked for a report."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, hangs: bool) -> None:
+        self.asked, self.answers = 0, threading.Event()
+        whole = Path.is_file
+
+        def is_file(path: Path) -> bool:
+            if path.name != "report.html":
+                return whole(path)
+            self.asked += 1
+            if not hangs:
+                raise OSError(errno.EIO, "Input/output error", str(path))
+            return self.answers.wait(20.0)
+
+        monkeypatch.setattr(Path, "is_file", is_file)
+
+
+class Output:
+    """A controller that knows whether it was told "off"."""
+
+    def __init__(self) -> None:
+        self.is_off = threading.Event()
+
+    def off(self) -> bool:
+        self.is_off.set()
+        return True
+
+
+def ended_job(number: str, folder: Path, **more: Any) -> dict[str, Any]:
+    table = {"id": number, "name": "one", "kind": "track", "state": "failed", "queued_s": 1.0, "started_s": 2.0}
+    return {**table, "ended_s": 3.0, "reason": "x", "folder": str(folder), "report": None, "exit_status": 1, **more}
+
+
+@pytest.mark.parametrize("how", ["fails", "hangs"])
+def test_stop_switches_off_whatever_the_disk_with_the_runs_does(
+    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    """Runs on a network's disk that is gone: whoever presses STOP must not wait for it with the heater on."""
+    with life(file) as desk:
+        output = Output()
+        desk.gate.attach(output)  # type: ignore[arg-type]
+        desk.queue.remember([ended_job("old", file.path.parent)])
+        disk = Disk(monkeypatch, how == "hangs")
+        waiting = desk.submit(file).id if how == "fails" else None
+        stops = threading.Thread(target=desk.stop, args=("a test",), daemon=True)
+        stops.start()
+        assert output.is_off.wait(5.0)
+        disk.answers.set()
+        stops.join(20.0)
+        assert not stops.is_alive()
+        assert (desk.output, len(desk.queue)) == ("off", 0)
+        if waiting is not None:
+            assert [job["state"] for job in desk.queue.tables() if job["id"] == waiting] == ["stopped"]
+
+
+def test_the_state_asks_no_disk(file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is told from the loop's thread at each phase: a disk that hangs would leave the heater on unwatched."""
+    with life(file) as desk:
+        desk.queue.remember([ended_job("old", file.path.parent)])
+        disk = Disk(monkeypatch, hangs=False)
+        assert desk.state()["last_job"]["id"] == "old"
+        desk.changed()
+        desk.queue.tables()
+        assert disk.asked == 0
+
+
+def test_a_report_that_was_written_after_the_daemon_ended_is_found(file: ConfigurationFile) -> None:
+    """Its guard wrote it: the page and `peltier status` have to show where the report of that run is."""
+    folder = file.path.parent / "left.part"
+    folder.mkdir()
+    with life(file) as desk:
+        desk.writer.do(lambda store: store.save_job(ended_job("old", folder)))
+        assert desk.writer.settle()
+    (folder / "report.html").write_text("a report")
+    with life(file) as desk:
+        until(lambda: desk.state()["last_job"]["report"] == "/runs/old/report.html", "the report")
+        assert desk.writer.settle()
+    (folder / "report.html").unlink()
+    with life(file) as desk:  # what was found is kept
+        assert (desk.queue.last_ended() or {})["report"] == "/runs/old/report.html"
+
+
+def test_no_job_starts_between_finding_and_latching_that_an_output_was_left_on(
+    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The history could not be read at the start: what it says is latched with the next rows, and a job that waits
+    would begin before them."""
+    folder = file.path.parent / "left.part"
+    folder.mkdir()
+    stop = {"reason": DIED, "text": "the temperature goes on", "output_off_confirmed": False}
+    (folder / "run.json").write_text(json.dumps({"stop": stop}))
+    with life(file) as desk:
+        desk.writer.do(lambda store: store.save_job(ended_job("old", folder, state="running", ended_s=None)))
+        assert desk.writer.settle()
+    with monkeypatch.context() as patched:
+        patched.setattr("rig.daemon.desk.Store", no_room)
+        desk = Desk(file, RealClock(), [])
+    desk.output_now("off")
+    desk.writer.start()
+    until(lambda: desk.had_history, "the history")
+    assert any("the temperature goes on" in line for line in no_job_because(desk))
+    rows(desk)
+    assert desk.latch is not None
+    assert any("the temperature goes on" in line for line in no_job_because(desk))
+    desk.close()

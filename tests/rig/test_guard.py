@@ -283,6 +283,32 @@ def test_what_the_process_has_given_up_is_not_confirmed_by_anybody_else() -> Non
     assert (done.returncode, done.stderr) == (11, "")
 
 
+def test_nobody_waits_for_a_report_to_learn_that_the_output_may_be_on(tmp_path: Path) -> None:
+    """Drawing takes up to a minute: an exit status of 11 that comes so late lets systemd begin anew so late. And what
+    is drawn is the run that was going on, not a daemon's job of before."""
+    slow = tmp_path / "slow"
+    asked = tmp_path / "asked"
+    slow.write_text(f'#!/bin/sh\necho "$@" > {asked}.part; mv {asked}.part {asked}; sleep 20\n')
+    slow.chmod(0o755)
+    held = "guard.holds('controller', 'meerstetter', '/dev/ttyNOPE7', {}, 4.0)\n"
+    ends = "guard.given_up()\nreturn 11"
+    prelude, over = f"import sys; sys.executable = {str(slow)!r}\n", "guard.records('x')\nguard.records('')\n"
+    for records, drawn in (("guard.records('/the/run.part')\n", True), (over, False)):
+        begin_s = time.monotonic()
+        code = prelude + CHILD.format(work=(held + records + ends).replace("\n", "\n    "))
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60.0)
+        assert done.returncode == 11
+        assert time.monotonic() - begin_s < 15.0
+        assert ("/the/run.part/report.html" in done.stderr) is drawn
+        if drawn:
+            until_s = time.monotonic() + 10.0
+            while not asked.exists() and time.monotonic() < until_s:
+                time.sleep(0.02)
+            assert asked.read_text().split()[-2:] == ["report", "/the/run.part"]
+            asked.unlink()
+    assert not asked.exists()
+
+
 def test_a_port_that_cannot_be_opened_anew_confirms_nothing_of_what_was_given_up() -> None:
     """A daemon tries it every few seconds: what it has left on is not somebody else's affair by that."""
     held = "guard.holds('controller', 'meerstetter', '/dev/ttyNOPE7', {}, 4.0)\n"
