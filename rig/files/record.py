@@ -6,16 +6,17 @@ import hashlib
 import math
 import pickle
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import fault
 from rig.core.python_words import in_python
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
-from rig.files.thermometer_faults import FalseReadings, false_lines
+from rig.files.thermometer_faults import FalseReadings, false_lines, without
 
 __all__ = ["Record", "Refused", "content_digest", "unit_of"]
 
@@ -125,6 +126,39 @@ class Record:
     def as_read(self) -> dict[str, Array]:
         """Return the columns with the readings of the thermometer that are not believed."""
         return self.columns if self.as_read_degC is None else {**self.columns, "temperature_degC": self.as_read_degC}
+
+    def of_rows(self, order: NDArray[np.intp]) -> Record:
+        """Return the record with its rows in another order, each once; the times stay where they are."""
+        place, left_out = np.argsort(order), []
+        for one in self.left_out:
+            rows = np.sort(place[one.first : one.last + 1])
+            for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+                left_out.append(replace(one, first=int(part[0]), last=int(part[-1])))
+        return replace(
+            self,
+            columns={name: values if name == "time_s" else values[order] for name, values in self.columns.items()},
+            text_columns={name: [values[k] for k in order] for name, values in self.text_columns.items()},
+            left_out=tuple(sorted(left_out, key=lambda one: one.first)),
+            as_read_degC=None if self.as_read_degC is None else self.as_read_degC[order],
+        )
+
+    def followed_by(self, other: Record, later_s: float) -> Record:
+        """Return the record with the rows of another one below its own, of the columns that both have; the other's
+        times are later_s later than it says."""
+        columns, others = self.as_read(), dict(other.as_read())
+        others |= {name: values + later_s for name, values in others.items() if f"_{name}".endswith("_time_s")}
+        joined = {name: np.concatenate([columns[name], others[name]]) for name in columns if name in others}
+        texts = {
+            name: [*values, *other.text_columns[name]]
+            for name, values in self.text_columns.items()
+            if name in other.text_columns
+        }
+        moved = (replace(one, first=one.first + self.rows, last=one.last + self.rows) for one in other.left_out)
+        left_out, as_read = (*self.left_out, *moved), None
+        if left_out and "temperature_degC" in joined:
+            as_read = joined["temperature_degC"]
+            joined["temperature_degC"] = without(as_read, left_out)
+        return replace(self, columns=joined, text_columns=texts, left_out=left_out, as_read_degC=as_read)
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]

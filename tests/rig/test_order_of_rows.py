@@ -3,6 +3,7 @@ typed is right."""
 
 from __future__ import annotations
 
+import argparse
 import re
 import shlex
 from collections.abc import Callable
@@ -13,10 +14,11 @@ import numpy as np
 import pytest
 
 from rig.analysis.film_numbers import numbers_of_record
+from rig.command.record_arguments import add_record_arguments, read_each
 from rig.core.faults import Faults
 from rig.files.branches import loops
 from rig.files.column_mapping import ColumnMapping
-from rig.files.record import Record
+from rig.files.record import Record, Refused
 from rig.files.record_file import Rows, read_record
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -193,6 +195,94 @@ def test_branches_below_each_other(tmp_path: Path) -> None:
     for part, word in zip(parts, ("heating", "cooling"), strict=True):
         named += rows_of(*part).replace("\n", f",{word}\n")
     assert_the_loop(read(tmp_path / "film.csv", named))
+
+
+GONE = 40, HALF + 30  # rows of two branches below each other
+FAULT_ROWS = slice(20, 23)  # in the order of the file
+
+
+def with_a_fault(heating: bool, upwards: bool = True) -> str:
+    """A branch with three rows in which its thermometer reads a fault value."""
+    degC, ohm = branch(heating)
+    order = slice(None) if heating == upwards else slice(None, None, -1)
+    degC, ohm = degC[order].copy(), ohm[order]
+    degC[FAULT_ROWS] = -127.0
+    return "T (C),R (Ohm)\n" + rows_of(degC, ohm)
+
+
+def assert_left_out(record: Record, *rows: list[int]) -> None:
+    """Rows from 1, first and last: those named are those without a temperature, and the fault value is kept aside."""
+    assert [one["rows"] for one in record.left_out_document()] == list(rows)
+    assert record.as_read_degC is not None
+    assert np.array_equal(np.isnan(record["temperature_degC"]), record.as_read_degC == -127.0)
+    named = [k for first, last in rows for k in range(first - 1, last)]
+    assert np.flatnonzero(np.isnan(record["temperature_degC"])).tolist() == named
+    assert record.as_read()["temperature_degC"].shape == record["resistance_ohm"].shape
+
+
+def test_rows_that_are_left_out_are_turned_with_their_branch(tmp_path: Path) -> None:
+    """The lines and the JSON named rows that are fine, and `predict --out` wrote other temperatures beside them."""
+    (turned,) = loops([read(tmp_path / "film_cooling.csv", with_a_fault(False), "time_s=row")], Rows())
+    assert isinstance(turned, Record)
+    assert_left_out(turned, [HALF - 22, HALF - 20])
+
+
+def test_rows_that_are_left_out_are_joined_with_their_branches(tmp_path: Path) -> None:
+    """Those of the second file were forgotten, and `predict --out` met columns of two lengths."""
+    named = {"film_heating.csv": True, "film_cooling.csv": False}
+    found = [read(tmp_path / name, with_a_fault(heating), "time_s=row") for name, heating in named.items()]
+    (joined,) = loops(found, Rows())
+    assert isinstance(joined, Record)
+    assert joined.rows == 2 * HALF
+    assert_left_out(joined, [21, 23], [2 * HALF - 22, 2 * HALF - 20])
+    plain = read(tmp_path / "film_heating.csv", "T (C),R (Ohm)\n" + rows_of(*branch(True)), "time_s=row")
+    (joined,) = loops([plain, found[1]], Rows())
+    assert isinstance(joined, Record)
+    assert_left_out(joined, [2 * HALF - 22, 2 * HALF - 20])
+
+
+@pytest.mark.parametrize("missing", ["", "850", "-300"])
+def test_branches_below_each_other_where_a_temperature_is_missing(tmp_path: Path, missing: str) -> None:
+    """One empty field, and the cooling branch was taken for a second heating, whatever was typed."""
+    parts = [branch(True), tuple(values[::-1] for values in branch(False))]
+    lines = "".join(rows_of(*part) for part in parts).splitlines()
+    for k in GONE:
+        lines[k] = f"{missing},{lines[k].split(',')[1]}"
+    text = "\n".join(["T (C),R (ohm)", *lines]) + "\n"
+    assert "two branches, sorted alike? expected --branches" in refusal(tmp_path / "film.csv", text, "time_s=row")
+    record = read(tmp_path / "film.csv", text, "time_s=row", rows=Rows(branches=True))
+    if missing == "850":  # one reading that is far off, as noise makes them, is not left out
+        assert np.flatnonzero(record["temperature_degC"] == 850.0).tolist() == [40, 2 * HALF - 31]
+    else:
+        assert_the_loop(record)
+        assert np.flatnonzero(np.isnan(record["temperature_degC"])).tolist() == [40, 2 * HALF - 31]
+
+
+def test_a_file_that_cannot_be_read_changes_no_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One of many was refused, and every cooling branch beside it was taken for a heating, without a word."""
+    paths = [tmp_path / name for name in ("a_heating.csv", "broken.csv", "a_cooling.csv", "b_cooling.csv")]
+    for path in paths:
+        heating = "heating" in path.name
+        part = branch(heating) if heating else tuple(values[::-1] for values in branch(False))
+        path.write_text("T (C),R (Ohm)\n" + rows_of(*part) if path.name != "broken.csv" else "nothing\n")
+    parser = argparse.ArgumentParser()
+    add_record_arguments(parser)
+    loop, broken, cooling = read_each(paths, parser.parse_args(["--column", "time_s=row"]))
+    assert isinstance(broken, Refused)
+    assert isinstance(loop, Record)
+    assert isinstance(cooling, Record)
+    assert_the_loop(loop)
+    assert transition(cooling) == (None, pytest.approx(COOLING_DEGC, abs=0.3))
+    assert "its name says cooling" in capsys.readouterr().err
+
+
+def test_two_files_of_the_same_sense_are_no_loop(tmp_path: Path) -> None:
+    """Two heatings of two films were joined to one loop."""
+    rows = Rows(branches=True)
+    text = "T (C),R (Ohm)\n" + rows_of(*branch(True))
+    found = [read(tmp_path / name, text, "time_s=row", rows=rows) for name in ("a_heating.csv", "b_heating.csv")]
+    with pytest.raises(Faults, match="both names say heating; expected one of heating and one of cooling"):
+        loops(found, rows)
 
 
 def test_a_heater_beside_a_film_is_no_branch(tmp_path: Path) -> None:
