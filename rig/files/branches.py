@@ -6,6 +6,7 @@ that is sorted upwards the last row was the first.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -69,10 +70,18 @@ def one_after_the_other(table: Table, asked: bool) -> Table:
     alone = [k for k in range(len(table.columns)) if k not in paired]
     common = [k for k in alone if meaning_of(table.columns[k].name, table.columns[k].unit).ours == "time_s"]
     timed = next((base for base, meaning in meanings.items() if meaning.ours == "time_s"), None)
+    if not common:
+        _refuse_other_units(table, pairs)
     if degrees is None or len(pairs) < 2 or common:
         return table
     rows: list[int] = []
-    for number, sense in enumerate(("heating", "cooling")):
+    senses = ["heating", "cooling"]
+    if timed:
+        begins = [_first_time(table, table.columns[k]) for k in pairs[timed]]
+        if begins[1] < begins[0]:
+            senses.reverse()
+            pairs = {base: (cold, warm) for base, (warm, cold) in pairs.items()}
+    for number, sense in enumerate(senses):
         filled = np.logical_or.reduce([table.columns[both[number]].filled() for both in pairs.values()])
         own = [int(k) for k in np.flatnonzero(filled)]
         try:
@@ -84,30 +93,62 @@ def one_after_the_other(table: Table, asked: bool) -> Table:
         rows += own if timed or rises(values) == (sense == "heating") else own[::-1]
         if not number:
             first = len(rows)
-    columns = []
-    for base, (warm, cold) in pairs.items():
-        parts = table.columns[warm].of(rows[:first]), table.columns[cold].of(rows[first:])
+    columns, behind = [], False
+    for base, both in pairs.items():
+        parts = table.columns[both[0]].of(rows[:first]), table.columns[both[1]].of(rows[first:])
+        unit = parts[0].unit or parts[1].unit
         texts = [part.texts for part in parts]
         if base == timed:
             try:
                 before, after = (_numbers_of(part, table) for part in parts)
-                numbers = np.concatenate([before, after + _later(before, after)])
+                later = _later(before, after)
+                numbers, behind = np.concatenate([before, after + later]), later != 0.0
             except ValueError:  # dates, or words
                 return table
-            columns.append(Column(base, numbers, table.columns[warm].unit))
+            columns.append(Column(base, numbers, unit))
         elif texts[0] is not None and texts[1] is not None:
-            columns.append(Column(base, [*texts[0], *texts[1]], table.columns[warm].unit))
+            columns.append(Column(base, [*texts[0], *texts[1]], unit))
         else:
             numbers = np.concatenate([np.asarray(part.fields) for part in parts])
-            columns.append(Column(base, numbers, table.columns[warm].unit))
+            columns.append(Column(base, numbers, unit))
     if timed is None:
         columns.append(Column("time_s", np.arange(len(rows), dtype=np.float64)))
     left = [table.columns[k].name or f"#{k + 1}" for k in alone]
-    no_rates = "; no times, so no rates" if timed is None else ""
-    said = [*table.said, f"branches side by side taken one after the other, heating first{no_rates}"]
+    of_times = "; no times, so no rates" if timed is None else "; its times put behind the first" * behind
+    said = [*table.said, f"branches side by side taken one after the other, {senses[0]} first{of_times}"]
     said += [f"left: {', '.join(map(repr, left))}"] if left else []
     times = "rows" if timed is None else "file"
     return replace(table, columns=columns, line_of=[table.line_of[k] for k in rows], said=said, times=times)
+
+
+def _refuse_other_units(table: Table, pairs: dict[str, tuple[int, int]]) -> None:
+    """Raises Faults where a quantity's two columns are in different units, by the line of units or by their names."""
+    both = [(table.columns[warm], table.columns[cold], base, base) for base, (warm, cold) in pairs.items()]
+    for column in table.columns:
+        sense, base = sense_in(column.name)
+        if sense == "heating" and base not in pairs:
+            ours = meaning_of(base, column.unit).ours
+            for other in table.columns:
+                back, named = sense_in(other.name)
+                if back == "cooling" and ours is not None and meaning_of(named, other.unit).ours == ours:
+                    both.append((column, other, base, named))
+    if len(both) < 2 or not any(meaning_of(base, c.unit).ours == "temperature_degC" for c, _, base, _ in both):
+        return
+    for warm, cold, base, named in both:
+        units = [meaning_of(name, c.unit).unit or c.unit for name, c in ((base, warm), (named, cold))]
+        if all(units) and units[0] != units[1]:
+            text = f"{warm.name!r} is in {units[0]}, {cold.name!r} in {units[1]}: heating and cooling side by side?"
+            expected = "expected both in the same unit, or columns by their numbers"
+            raise fault(table.source, table.place, f"{text} {expected}")
+
+
+def _first_time(table: Table, column: Column) -> float:
+    """The first time of a branch; nan where it is no number."""
+    try:
+        values = _numbers_of(column.of(np.flatnonzero(column.filled())), table)
+    except ValueError:
+        return math.nan
+    return float(values[0]) if values.size else math.nan
 
 
 def _numbers_of(column: Column, table: Table) -> Array:

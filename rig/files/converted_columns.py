@@ -309,9 +309,9 @@ def record_of(
     rows: what somebody says of the order of the rows.
     """
     mappings, rows = list(mappings), rows or Rows()
-    table = _reshaped(table, mappings, rows)
     if rows.turned:
         table = table.of(range(len(table.line_of))[::-1])
+    table = _reshaped(table, mappings, rows)
     table, mappings = _with_row_times(table, mappings, rows)
     taking = Taking(table, flags)
     take_typed(taking, mappings)
@@ -328,7 +328,12 @@ def record_of(
 def _reshaped(table: Table, mappings: Sequence[ColumnMapping], rows: Rows) -> Table:
     """The table with a row for each moment and a column for each quantity; the same where somebody typed names that it
     would not have then."""
-    shaped = below_each_other(one_after_the_other(one_row_each_moment(table), rows.branches))
+    try:
+        shaped = below_each_other(one_after_the_other(one_row_each_moment(table), rows.branches))
+    except Faults:
+        if any(each.found_in([column.name for column in table.columns]) is not None for each in mappings):
+            return table
+        raise
     before, after = ([column.name for column in each.columns] for each in (table, shaped))
     lost = [each for each in mappings if each.found_in(before) is not None and each.found_in(after) is None]
     return table if lost else shaped

@@ -178,6 +178,51 @@ def test_branches_side_by_side_with_times(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(record["time_s"]), 1.0)
 
 
+@pytest.mark.parametrize(
+    ("head", "asked"),
+    [
+        ("T,R,T,R\nK,kOhm,degC,Ohm", True),
+        ("T heating,R heating,T cooling,R cooling\nK,kOhm,degC,Ohm", False),
+        ("T heating (K),R heating (kOhm),T cooling (C),R cooling (Ohm)", False),
+        ("T heating (C),R heating (kOhm),T cooling (C),R cooling (Ohm)", False),
+    ],
+)
+def test_branches_side_by_side_in_two_units(tmp_path: Path, head: str, asked: bool) -> None:
+    """Both were taken in the first one's unit: degrees as kelvins, ohms as kilohms."""
+    text = f"{head}\n" + rows_of(*branch(True), *branch(False))
+    with pytest.raises(Faults) as found:
+        read(tmp_path / "film.csv", text, rows=Rows(branches=asked))
+    (line,) = found.value.lines
+    assert re.search(r"is in (K|kohm), .* in (degC|ohm): heating and cooling side by side\? expected both in", line)
+    one = ("time_s=row", "temperature_degC=#1@degC", "resistance_ohm=#2@ohm")
+    assert_the_loop_s_heating(read(tmp_path / "film.csv", text, *one))
+
+
+def assert_the_loop_s_heating(record: Record) -> None:
+    assert transition(record) == (pytest.approx(HEATING_DEGC, abs=0.3), None)
+
+
+def test_branches_side_by_side_of_which_cooling_came_first(tmp_path: Path) -> None:
+    """Heating was put first, and the times of cooling were moved without a word."""
+    seconds = np.arange(float(HALF))
+    head = "t_heating (s),T_heating (C),R_heating (ohm),t_cooling (s),T_cooling (C),R_cooling (ohm)"
+    text = f"{head}\n" + rows_of(seconds + HALF + 60.0, *branch(True), seconds, *branch(False))
+    record = read(tmp_path / "film.csv", text)
+    assert "cooling first" in " ".join(record.said)
+    assert "put behind" not in " ".join(record.said)
+    np.testing.assert_allclose(record["time_s"], np.concatenate([seconds, seconds + HALF + 60.0]))
+    np.testing.assert_allclose(record["temperature_degC"][:HALF], branch(False)[0], rtol=1e-5)
+    anew = read(tmp_path / "film.csv", f"{head}\n" + rows_of(seconds, *branch(True), seconds, *branch(False)))
+    assert "heating first; its times put behind the first" in " ".join(anew.said)
+
+
+def test_rows_that_are_turned_keep_the_numbers_that_stand_for_times(tmp_path: Path) -> None:
+    """--reversed turned the numbers that the program itself had given: "falls in every row; expected --reversed"."""
+    head = "T_heating (C),R_heating (ohm),T_cooling (C),R_cooling (ohm)"
+    text = f"{head}\n" + rows_of(*branch(True), *branch(False))
+    assert_the_loop(read(tmp_path / "film.csv", text, rows=Rows(turned=True)))
+
+
 def test_names_that_stand_twice_are_asked_for(tmp_path: Path) -> None:
     text = "T (C),R (ohm),T (C),R (ohm)\n" + rows_of(*branch(True), *branch(False))
     assert "heating and cooling side by side? expected --branches" in refusal(tmp_path / "film.csv", text)
