@@ -442,6 +442,21 @@ def test_a_clock_that_is_wrong_throughout_is_refused(tmp_path: Path) -> None:
     assert "the same as in the row before (100 such rows, to line 201)" in said
 
 
+def test_times_beside_a_period_that_is_typed(tmp_path: Path) -> None:
+    """A file's own times were thrown away in silence; and a period was offered for times that stand still, and refused
+    when it was typed."""
+    rows = Rows(period_s=0.5)
+    text = "".join(f"{k // 2},{25 + k % 30},{1000 - k}\n" for k in range(200))
+    assert "expected a time of its own for each row, or --period" in refusal(tmp_path / "a.csv", f"{HEAD}\n{text}")
+    record = read(tmp_path / "a.csv", f"{HEAD}\n{text}", rows=rows)
+    np.testing.assert_allclose(np.diff(record["time_s"]), 0.5)
+    assert "'time_s' left: the times are those of --period" in " ".join(record.said)
+    record = read(tmp_path / "b.csv", "Time (s),T (C)\n" + "".join(f"{k},{25 + k}\n" for k in range(20)), rows=rows)
+    assert "'Time (s)' left: the times are those of --period" in " ".join(record.said)
+    with pytest.raises(Faults, match="a period or time_s=row was typed, and the file has time_s"):
+        read(tmp_path / "c.csv", "\n".join([HEAD, *LINES]) + "\n", rows=rows)
+
+
 @pytest.mark.parametrize("name", ["ms", "Milliseconds", "Fractional Seconds", "nsec"])
 def test_seconds_and_their_fractions_in_two_columns(tmp_path: Path, name: str) -> None:
     """Two rows a second: the second was told as another sweep."""
