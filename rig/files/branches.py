@@ -11,6 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,6 +29,7 @@ ENDS = 0.1  # of the rows: their means at both ends tell which way a branch goes
 FEWEST_ROWS = 3  # of a branch
 A_JUMP = 0.5  # of the range, in one row: a branch that begins where the other one did
 MOST_WORDS = 8  # that a column may have that says heating or cooling
+Kind = TypeVar("Kind", bound=Record | Refused)
 
 
 @dataclass(frozen=True)
@@ -251,7 +253,7 @@ def names_twice(names: Sequence[str]) -> bool:
     return len(names) >= 4 and list(names[:half]) == list(names[half:]) and all(names)
 
 
-def loops(found: Sequence[Record | Refused], rows: Rows) -> list[Record | Refused]:
+def loops(found: Sequence[Kind], rows: Rows) -> list[Kind]:
     """Records, those of a loop's two branches joined to one; what was refused stays in its place. They are that where
     their names say heating and cooling and are alike beside that, and have no times, or `rows.branches` says so. Raises
     Faults."""
@@ -273,7 +275,7 @@ def loops(found: Sequence[Record | Refused], rows: Rows) -> list[Record | Refuse
         elif any(record.times == "file" for record in single):
             text = "expected two files, of heating and of cooling, or names of columns that say which is which"
             raise fault("--branches", of, text)
-    joined: list[Record | Refused] = []
+    joined: list[Any] = []
     for one in found:
         pair = next((pair for pair in pairs if any(one is each for each in pair)), None)
         if isinstance(one, Refused):

@@ -145,16 +145,16 @@ def _iso(text: str) -> datetime | None:
         return None
 
 
-def hours_off(seconds: Array) -> Array:
+def hours_off(seconds: Array, off_s: float = HOUR_S) -> Array:
     """At each row 1 where a clock went back by an hour since the row before, -1 where it went on by one more than its
-    usual step, else 0: the end and the begin of summer time."""
+    usual step, else 0: the end and the begin of summer time. off_s: another time than an hour."""
     steps = np.diff(seconds, prepend=seconds[:1])
     usual = float(np.nanmedian(steps[1:])) if np.any(np.isfinite(steps[1:])) else 0.0
     within = max(HOUR_STEPS * usual, 1.0)
-    if not 0.0 < within < HOUR_S / 2.0:
+    if not 0.0 < within < off_s / 2.0:
         return np.zeros(seconds.size)
-    back = np.abs(steps + HOUR_S - usual) <= within
-    return back.astype(np.float64) - (np.abs(steps - HOUR_S - usual) <= within)
+    back = np.abs(steps + off_s - usual) <= within
+    return back.astype(np.float64) - (np.abs(steps - off_s - usual) <= within)
 
 
 def _without_summer_time(times: Times) -> Times:

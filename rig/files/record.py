@@ -7,7 +7,7 @@ import math
 import pickle
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from rig.core.faults import fault
 from rig.core.python_words import in_python
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
 from rig.files.thermometer_faults import FalseReadings, false_lines, without
+
+if TYPE_CHECKING:
+    from rig.files.branches import Rows
 
 __all__ = ["Record", "Refused", "content_digest", "unit_of"]
 
@@ -53,23 +56,34 @@ class Record:
     @classmethod
     @in_python()
     def from_arrays(
-        cls, columns: Mapping[str, Any], column: Iterable[str] = (), needs: Iterable[str] = (), source: str = "arrays"
+        cls,
+        columns: Mapping[str, Any],
+        column: Iterable[str] = (),
+        needs: Iterable[str] = (),
+        source: str = "arrays",
+        rows: Rows | None = None,
     ) -> Record:
         """A record of numpy arrays, or of anything that becomes one, by name. Raises Faults.
 
         Names are read as those of a file: ours, or plain ones such as 'T [K]'. column: of names that are not plain,
-        as 'resistance_ohm=R@kohm'. needs: columns that have to be there, besides time_s. Times may be datetime64.
+        as 'resistance_ohm=R@kohm'. needs: columns that have to be there, besides time_s. Times may be datetime64. rows:
+        what is known of the order of the rows (`rig.files.branches.Rows`).
         """
         from rig.files.array_table import array_table
         from rig.files.column_mapping import ColumnMapping
         from rig.files.converted_columns import record_of
 
-        return record_of(array_table(columns, source), [ColumnMapping.parse(text) for text in column], needs)
+        return record_of(array_table(columns, source), [ColumnMapping.parse(text) for text in column], needs, rows=rows)
 
     @classmethod
     @in_python()
     def from_frame(
-        cls, frame: Any, column: Iterable[str] = (), needs: Iterable[str] = (), source: str = "data frame"
+        cls,
+        frame: Any,
+        column: Iterable[str] = (),
+        needs: Iterable[str] = (),
+        source: str = "data frame",
+        rows: Rows | None = None,
     ) -> Record:
         """A record of a pandas DataFrame, or of what has its `columns`, `index` and `[name]`. Raises as `from_arrays`.
 
@@ -77,7 +91,7 @@ class Record:
         """
         from rig.files.array_table import columns_of_frame
 
-        return cls.from_arrays(columns_of_frame(frame), column, needs, source)
+        return cls.from_arrays(columns_of_frame(frame), column, needs, source, rows)
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with the columns, text columns too. Raises Faults where pandas is not installed."""

@@ -337,7 +337,7 @@ def test_the_package_shows_what_is_public() -> None:
         ("--first: 5: expected --initial fitted beside it", 'first_s=5: expected initial="fitted" beside it'),
         ("runs/x: --out: is there already", "runs/x: out: is there already"),
         ("(--column maps names)", "(column maps names)"),
-        ("--period 0.5, --reversed", "period=0.5, reversed=True"),
+        ("--period 0.5, --reversed", "period_s=0.5, reversed=True"),
         ("a -- b, x--y, 5 -- --", "a -- b, x--y, 5 -- --"),
     ],
 )

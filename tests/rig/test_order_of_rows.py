@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rig
 from rig.analysis.film_numbers import numbers_of_record
 from rig.command.record_arguments import add_record_arguments, read_each
 from rig.core.faults import Faults
@@ -20,6 +21,7 @@ from rig.files.branches import loops
 from rig.files.column_mapping import ColumnMapping
 from rig.files.record import Record, Refused
 from rig.files.record_file import Rows, read_record
+from rig.notebook.records import as_records
 
 Peltier = Callable[..., tuple[int, str, str]]
 HALF = 150  # rows of a branch
@@ -321,6 +323,66 @@ def test_a_file_that_cannot_be_read_changes_no_other(tmp_path: Path, capsys: pyt
     assert "its name says cooling" in capsys.readouterr().err
 
 
+def test_the_word_for_branches_and_files_that_need_it_not(tmp_path: Path) -> None:
+    """A file with its branches side by side, or with a whole loop, and times was refused: "expected two files"; two
+    such files became one loop."""
+    rows, seconds = Rows(branches=True), np.arange(float(HALF))
+    head = "t_heating (s),T_heating (C),R_heating (ohm),t_cooling (s),T_cooling (C),R_cooling (ohm)"
+    text = f"{head}\n" + rows_of(seconds, *branch(True), seconds, *branch(False))
+    found = [read(tmp_path / name, text, rows=rows) for name in ("a.csv", "b.csv")]
+    assert loops(found, rows) == found
+    assert loops(found[:1], rows) == found[:1]
+    held_out = read(tmp_path / "c.csv", "time_s,T (C),R (ohm)\n" + rows_of(seconds, *branch(True)), rows=rows)
+    assert loops([held_out], rows) == [held_out]
+
+
+def test_one_file_of_predictions_for_the_two_branches_of_a_loop(tmp_path: Path, peltier: Peltier) -> None:
+    """ "Expected a single RECORD" was said of the two files that are one."""
+    paths = [tmp_path / name for name in ("film_heating.csv", "film_cooling.csv")]
+    for path in paths:
+        path.write_text("T (C),R (Ohm)\n" + rows_of(*branch("heating" in path.name)))
+    words = ("--column", "time_s=row")
+    model, out = tmp_path / "model.toml", tmp_path / "out.csv"
+    status, _, err = peltier("identify", *paths, *words, "--operators", "8", "--out", model)
+    assert status == 0, err
+    status, _, err = peltier("predict", model, *paths, *words, "--out", out)
+    assert status == 0, err
+    assert len(out.read_text().splitlines()) == 2 * HALF + 1
+    status, _, err = peltier("predict", model, paths[0], paths[0], *words, "--out", tmp_path / "none.csv")
+    assert status == 2
+    assert "expected a single RECORD" in err
+
+
+@pytest.mark.parametrize("names", [("film_heating.csv", "film_cooling.csv"), ("film_cooling.csv", "film_heating.csv")])
+def test_branches_in_python(tmp_path: Path, names: tuple[str, str]) -> None:
+    """`rig.identify` took each branch for a record of its own, and a cooling one that is sorted upwards for a
+    heating."""
+    found = []
+    for name in names:
+        heating = "heating" in name
+        part = branch(True) if heating else tuple(values[::-1] for values in branch(False))
+        (tmp_path / name).write_text("T (C),R (Ohm)\n" + rows_of(*part))
+        found.append(rig.read_record(tmp_path / name, "time_s=row"))
+        assert (found[-1]["temperature_degC"][0] < 30.0) == heating
+    (joined,) = as_records(found)
+    assert_the_loop(joined)
+
+
+@pytest.mark.parametrize("framed", [False, True])
+def test_the_order_of_rows_of_arrays(loop: tuple, framed: bool) -> None:
+    """What was said of it in Python was ignored, but for files."""
+    columns = {"T (C)": loop[0][::-1], "R (ohm)": loop[1][::-1]}
+    source = pytest.importorskip("pandas").DataFrame(columns) if framed else columns
+    record = rig.read_record(source, period_s=0.5, reversed=True)
+    np.testing.assert_allclose(np.diff(record["time_s"]), 0.5)
+    np.testing.assert_allclose(record["temperature_degC"], loop[0])
+    side = np.split(loop[0], 2), np.split(loop[1], 2)
+    names = ("T_heating (C)", "T_cooling (C)", "R_heating (ohm)", "R_cooling (ohm)")
+    assert_the_loop(rig.read_record(dict(zip(names, [*side[0], *side[1]], strict=True)), branches=True))
+    with pytest.raises(Faults, match="expected a number of seconds > 0"):
+        rig.read_record(columns, period_s=-1.0)
+
+
 def test_two_files_of_the_same_sense_are_no_loop(tmp_path: Path) -> None:
     """Two heatings of two films were joined to one loop."""
     rows = Rows(branches=True)
@@ -401,6 +463,15 @@ def test_the_hour_that_comes_twice(tmp_path: Path, form: str) -> None:
     text = "Timestamp,T (C)\n" + "".join(f"{one.strftime(form)},{25 + k % 9}\n" for k, one in enumerate(local))
     assert "the clock went back by 1 h (end of summer time?)" in refusal(tmp_path / "a.csv", text)
     np.testing.assert_allclose(np.diff(typed_on(tmp_path / "a.csv", text)["time_s"]), 2.0)
+
+
+@pytest.mark.parametrize("form", ["%I:%M:%S", "%Y-%m-%d %I:%M:%S"])
+def test_a_clock_of_twelve_hours_that_does_not_say_which(tmp_path: Path, form: str) -> None:
+    """ "Expected increasing times" was all that was said, or that another sweep begins."""
+    when = [datetime(2026, 10, 20, 12, 55) + timedelta(seconds=2 * k) for k in range(300)]
+    text = "Timestamp,T (C)\n" + "".join(f"{one.strftime(form)},{25 + k % 9}\n" for k, one in enumerate(when))
+    said = refusal(tmp_path / "a.csv", text)
+    assert "line 152: time_s: the clock went back by 12 h: of 12 hours, without AM or PM? expected" in said
 
 
 def test_an_hour_that_is_missing_is_told(tmp_path: Path) -> None:
