@@ -55,10 +55,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     from rig.files.model_file import read_model
 
-    several = len(options.records) > 1
     if options.out is not None:
-        if several:
-            raise fault("--out", str(options.out), "expected a single RECORD; --report DIR writes a page for each")
         writable_file(options.out)
     if options.report is not None:
         writable_folder(options.report)
@@ -69,6 +66,9 @@ def main(options: argparse.Namespace) -> int:
         add_effect_files(options.effect_file)
     model = read_model(options.model)
     records = read_records(options.records, options)
+    several = len(records) > 1
+    if options.out is not None and several:
+        raise fault("--out", str(options.out), "expected a single RECORD; --report DIR writes a page for each")
     from rig.analysis.prediction_error import require_something_to_predict  # seconds: after what may be refused
     from rig.experiment.feasible import order_warning
 

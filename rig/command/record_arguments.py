@@ -78,10 +78,8 @@ def read_each(
             found.append(read_record(path, mappings, needs, options.decimal, rows=rows))
         except Faults as faults:
             found.append(Refused(str(path), tuple(faults.lines)))
+    found = loops(found, rows)
     records, refused = _read(found)
-    if not refused:
-        found = [*loops(records, rows)]
-        records, refused = _read(found)
     said: dict[str, list[str]] = {}  # of hundreds of records of one make the same is said of all: once is enough
     for record in records:
         for line in record.said:

@@ -9,17 +9,20 @@ Of such a table the columns are the channels. What was read later than the tempe
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from compensator.hysteresis.functions import Array
 from rig.files.column_meaning import meaning_of
 from rig.files.field_numbers import read_numbers
-from rig.files.field_times import time_like
+from rig.files.field_times import PARTS, read_times, time_like
 from rig.files.table import Column, Table
-from rig.files.units import spelled
+from rig.files.units import UNITS, spelled
 
 VALUE = ("reading", "value", "_value", "readings", "measurement", "measured value", "wert", "messwert")
 UNIT = ("unit", "units", "reading unit", "einheit")
@@ -76,7 +79,10 @@ def _turned_to_columns(
     channels: Sequence[tuple[str, ...]],
 ) -> Table:
     others = [k for k in range(len(table.columns)) if k not in (value, unit, *keys)]
-    moments = _moments(labels, _stamps(table, others), channels)
+    clocks = [clock for k in others if (clock := _clock(table, k)) is not None]
+    clocks.sort(key=lambda clock: len(set(clock.stamps)) == 1)  # one that stands still says nothing
+    clock = clocks[0] if clocks else None
+    moments = _moments(labels, clock, channels)
     if moments is None:
         return table
     named = [
@@ -91,46 +97,83 @@ def _turned_to_columns(
     for (name, below), own in zip(named, rows, strict=True):
         columns.append(replace(table.columns[value].of(own), name=name, unit=below))
     said = [*table.said, f"a row for each reading, of {', '.join(repr(name) for name, _ in named)}: taken as columns"]
-    clock = next((k for k in others if meaning_of(table.columns[k].name, table.columns[k].unit).unit == "s"), None)
-    if clock is not None and meanings.count("resistance_ohm") == 1:
-        column = table.columns[clock]
-        try:
-            seconds = read_numbers(column.texts, table.signs).values if column.texts is not None else column.fields
-        except ValueError:
-            seconds = None
-        if seconds is not None:
-            times = Column("resistance_time_s", np.asarray(seconds))
-            columns.append(times.of(rows[meanings.index("resistance_ohm")]))
+    parted = any(table.columns[k].name.strip().lower() in PARTS for k in others)
+    if clock is not None and clock.known and meanings.count("resistance_ohm") == 1 and not parted:
+        read = np.asarray(rows[meanings.index("resistance_ohm")])
+        seconds = np.where(read < 0, np.nan, clock.seconds[read])
+        begin = clock.seconds[moment_of[0]] if clock.dated else 0.0
+        if np.any(np.abs(seconds - clock.seconds[moment_of]) > 0.0):
+            columns.append(Column("resistance_time_s", seconds - begin))
     lines = [table.line_of[k] for k in moment_of]
     return replace(table, columns=columns, line_of=lines, said=said)
 
 
-def _stamps(table: Table, indices: Sequence[int]) -> list[str] | None:
-    """The column of times, as text."""
-    for k in indices:
-        column = table.columns[k]
-        if column.texts and (meaning_of(column.name, column.unit).ours == "time_s" or time_like(column.texts[0])):
-            return column.texts
-    return None
+@dataclass(frozen=True, eq=False)
+class _Clock:
+    """When each row was read. stamps: as the file has it; seconds: nan where these cannot be read; dated: as dates or a
+    clock's times, which are counted from the first row; known: so that seconds are seconds."""
+
+    stamps: Sequence[str | float]
+    seconds: Array
+    dated: bool = False
+    known: bool = True
+
+
+def _clock(table: Table, k: int) -> _Clock | None:
+    """A column's times; None where it has none."""
+    column = table.columns[k]
+    meaning, texts = meaning_of(column.name, column.unit), column.texts
+    dated = texts is not None and time_like(next((text for text in texts if text.strip()), ""))
+    if meaning.ours != "time_s" and meaning.unit != "s" and not dated:
+        return None
+    stamps: list[str | float] = [*texts] if texts is not None else np.asarray(column.fields).tolist()
+    try:
+        if texts is not None and dated:
+            return _Clock(stamps, read_times(texts).seconds, True)
+        values = read_numbers(texts, table.signs).values if texts is not None else np.asarray(column.fields)
+        return _Clock(
+            stamps,
+            np.asarray(UNITS["s"][meaning.unit or "s"](values), dtype=np.float64),
+            known=meaning.unit is not None,
+        )
+    except (ValueError, KeyError):
+        return _Clock(stamps, np.full(len(stamps), np.nan))
 
 
 def _moments(
-    labels: Sequence[tuple[str, ...]], stamps: Sequence[str] | None, channels: Sequence[tuple[str, ...]]
+    labels: Sequence[tuple[str, ...]], clock: _Clock | None, channels: Sequence[tuple[str, ...]]
 ) -> list[dict[tuple[str, ...], int]] | None:
-    """The rows that belong together, by channel: until one of them comes again; where each channel's rows stand
-    together, those with the same time. None where there is no telling."""
+    """The rows that belong together, by channel: until one of them comes again, or the next is read much later than
+    those of one moment are; where each channel's rows stand together, those with the same time, of several in the order
+    in which they stand. None where there is no telling."""
     changes = sum(a != b for a, b in pairwise(labels))
     if changes == len(channels) - 1:
-        if stamps is None:
+        if clock is None:
             return None
-        together: dict[str, dict[tuple[str, ...], int]] = {}
-        for k, (label, stamp) in enumerate(zip(labels, stamps, strict=True)):
-            together.setdefault(stamp, {})[label] = k
+        together: dict[tuple[str | float, int], dict[tuple[str, ...], int]] = {}
+        seen: Counter[tuple[str | float, tuple[str, ...]]] = Counter()
+        for k, (label, stamp) in enumerate(zip(labels, clock.stamps, strict=True)):
+            together.setdefault((stamp, seen[stamp, label]), {})[label] = k
+            seen[stamp, label] += 1
         found = list(together.values())
         return found if 2 * sum(len(one) == len(channels) for one in found) > len(found) else None
+    begins = _begins(clock, len(labels), len(channels))
     moments: list[dict[tuple[str, ...], int]] = [{}]
     for k, label in enumerate(labels):
-        if label in moments[-1]:
+        if label in moments[-1] or begins[k]:
             moments.append({})
         moments[-1][label] = k
     return moments
+
+
+def _begins(clock: _Clock | None, rows: int, channels: int) -> NDArray[np.bool_]:
+    """The rows that stand further from the one before than those of one moment do: of `channels` steps one leads to the
+    next moment. None where all are alike."""
+    begins = np.zeros(rows, dtype=np.bool_)
+    if clock is None or rows < 2 * channels or not np.all(np.isfinite(clock.seconds)):
+        return begins
+    steps = np.abs(np.diff(clock.seconds))
+    within, between = np.quantile(steps, [0.5 * (channels - 1) / channels, 1.0 - 0.5 / channels])
+    if between > 2.0 * within:
+        begins[1:] = steps > 0.5 * (within + between)
+    return begins

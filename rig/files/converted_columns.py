@@ -19,9 +19,10 @@ from rig.core.faults import Faults, fault
 from rig.files.branches import Rows, below_each_other, in_sequence, one_after_the_other
 from rig.files.channel_rows import one_row_each_moment
 from rig.files.column_mapping import ColumnMapping, ending_of, typed
+from rig.files.column_meaning import meaning_of
 from rig.files.credible_columns import faults_in
 from rig.files.field_numbers import Undecided, beyond_as_a_number, number_of, read_numbers, tidied
-from rig.files.field_times import SUMMER, Unclear, clock_alone, date_alone, hours_off, read_times, time_like
+from rig.files.field_times import PARTS, SUMMER, Unclear, clock_alone, date_alone, hours_off, read_times, time_like
 from rig.files.record import Record
 from rig.files.table import Column, Table
 from rig.files.taking import Choice, Taking, ask, take_own, take_plain, take_typed
@@ -30,14 +31,6 @@ from rig.files.units import CONDUCTANCES, LOGARITHMS, SHARES, UNITS
 
 FEW_ROWS, MOST_STEPS_BACK = 20, 0.01  # rows, and how many of more of them may follow a clock that was set
 LARGEST_STEP_BACK_S = 1.0  # what a clock that is kept right over the network is set back by
-# names of columns that have the fraction of a second, and what is a second's part in them
-PARTS = {
-    **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds", "millisec", "milli"), 1e-3),
-    **dict.fromkeys(("us", "usec", "usecs", "microsecond", "microseconds", "tv_usec", "micros"), 1e-6),
-    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosecond", "nanoseconds", "nanosec", "tv_nsec"), 1e-9),
-    **dict.fromkeys(("fractional seconds", "fractional second", "fraction", "frac", "fraction of second"), 1.0),
-    **dict.fromkeys(("fractional_seconds", "subsec", "subseconds", "sub-seconds", "frac sec", "seconds fraction"), 1.0),
-}
 
 
 def _converted(taking: Taking) -> Record:
@@ -309,9 +302,9 @@ def record_of(
     rows: what somebody says of the order of the rows.
     """
     mappings, rows = list(mappings), rows or Rows()
-    table = _reshaped(table, mappings, rows)
     if rows.turned:
         table = table.of(range(len(table.line_of))[::-1])
+    table = _reshaped(table, mappings, rows)
     table, mappings = _with_row_times(table, mappings, rows)
     taking = Taking(table, flags)
     take_typed(taking, mappings)
@@ -328,7 +321,12 @@ def record_of(
 def _reshaped(table: Table, mappings: Sequence[ColumnMapping], rows: Rows) -> Table:
     """The table with a row for each moment and a column for each quantity; the same where somebody typed names that it
     would not have then."""
-    shaped = below_each_other(one_after_the_other(one_row_each_moment(table), rows.branches))
+    try:
+        shaped = below_each_other(one_after_the_other(one_row_each_moment(table), rows.branches))
+    except Faults:
+        if any(each.found_in([column.name for column in table.columns]) is not None for each in mappings):
+            return table
+        raise
     before, after = ([column.name for column in each.columns] for each in (table, shaped))
     lost = [each for each in mappings if each.found_in(before) is not None and each.found_in(after) is None]
     return table if lost else shaped
@@ -340,10 +338,26 @@ def _with_row_times(table: Table, mappings: list[ColumnMapping], rows: Rows) -> 
     if rows.period_s is None and len(others) == len(mappings):
         return table, mappings
     step, times = (1.0, "rows") if rows.period_s is None else (rows.period_s, "period")
-    left = [column for column in table.columns if column.name.strip() != "time_s"]
-    if len(left) < len(table.columns) and table.times == "file":
+    own = {"time_s", "resistance_time_s"}
+    left = [column for column in table.columns if column.name.strip() not in own]
+    names = table.names()
+    timed = [k for k, each in enumerate(table.columns) if meaning_of(each.name, each.unit).ours == "time_s"]
+    timed = [k for k in timed if table.times == "file" and np.any(table.columns[k].filled())]
+    if any(names[k].strip() == "time_s" and _increase(table, k) for k in timed):
         text = "a period or time_s=row was typed, and the file has time_s; expected one of them"
         raise fault(table.source, table.place, text)
     time = Column("time_s", step * np.arange(len(table.line_of), dtype=np.float64))
     said = [*table.said, "rows in the order in which they were taken; no rates are reported"]
+    if timed:
+        said.append(f"{', '.join(repr(names[k]) for k in timed)} left: the times are those of --period or time_s=row")
     return replace(table, columns=[*left, time], said=said, times=times), others
+
+
+def _increase(table: Table, k: int) -> bool:
+    """Whether a column's numbers increase in each row."""
+    texts = table.columns[k].texts
+    try:
+        values = read_numbers(texts, table.signs).values if texts is not None else table.columns[k].fields
+    except ValueError:
+        return False
+    return bool(np.all(np.diff(np.asarray(values)) > 0.0))

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
+from rig.core.clock import DAY_S
 from rig.files.column_mapping import typed
+from rig.files.field_times import hours_off
 from rig.files.table import Table
 
 FILM_K = (200.0, 500.0)  # a film's record that stays within these is one in K: as degC no Peltier plate reaches them
@@ -103,6 +105,9 @@ def _time_faults(table: Table, time: Array, chosen: Mapping[str, Chosen], names:
             text = f"{table.source}: {table.at(k)}: time_s: the same as in the row before"
             expected = "expected a time of its own for each row, or --period SECONDS if they are evenly apart"
             return [f"{text}{_more(table, back)}: {expected}"]
+        if hours_off(time, DAY_S / 2.0)[k] > 0.0:
+            text = f"{table.source}: {table.at(k)}: time_s: the clock went back by 12 h: of 12 hours, without AM or PM?"
+            return [f"{text} expected times of 24 hours, or --period SECONDS if the rows are evenly apart"]
         again = "; it begins anew, as of another sweep: give each as a file of its own" if time[k] <= time[0] else ""
         text = f"{table.source}: {table.at(k)}: time_s: {after}: expected increasing times{again}"
         faults.append(text + _more(table, back))

@@ -26,6 +26,14 @@ HOUR_STEPS = 3.0  # usual steps by which a clock's hour may be off: rows are not
 HOUR_S = 3600.0  # after which minutes and seconds begin again
 MONTHS = {"jan": 1, "feb": 2, "mar": 3, "apr": 4, "may": 5, "jun": 6, "jul": 7, "aug": 8, "sep": 9, "oct": 10}
 MONTHS |= {"nov": 11, "dec": 12, "mai": 5, "okt": 10, "dez": 12, "mrz": 3, "mär": 3}
+# names of columns that have the fraction of a second, and what is a second's part in them
+PARTS = {
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds", "millisec", "milli"), 1e-3),
+    **dict.fromkeys(("us", "usec", "usecs", "microsecond", "microseconds", "tv_usec", "micros"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosecond", "nanoseconds", "nanosec", "tv_nsec"), 1e-9),
+    **dict.fromkeys(("fractional seconds", "fractional second", "fraction", "frac", "fraction of second"), 1.0),
+    **dict.fromkeys(("fractional_seconds", "subsec", "subseconds", "sub-seconds", "frac sec", "seconds fraction"), 1.0),
+}
 UNPADDED = ", milliseconds without leading zeros,"
 CLOCK = r"(\d{1,3}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?|([.,]\d{1,9}))?\s*([AaPp]\.?[Mm]\.?)?"
 DATE = r"(\d{1,4})([-/. ])\s*(\d{1,2}|[^\W\d_]{3,9})\.?\2\s*(\d{1,4})"
@@ -137,16 +145,16 @@ def _iso(text: str) -> datetime | None:
         return None
 
 
-def hours_off(seconds: Array) -> Array:
+def hours_off(seconds: Array, off_s: float = HOUR_S) -> Array:
     """At each row 1 where a clock went back by an hour since the row before, -1 where it went on by one more than its
-    usual step, else 0: the end and the begin of summer time."""
+    usual step, else 0: the end and the begin of summer time. off_s: another time than an hour."""
     steps = np.diff(seconds, prepend=seconds[:1])
     usual = float(np.nanmedian(steps[1:])) if np.any(np.isfinite(steps[1:])) else 0.0
     within = max(HOUR_STEPS * usual, 1.0)
-    if not 0.0 < within < HOUR_S / 2.0:
+    if not 0.0 < within < off_s / 2.0:
         return np.zeros(seconds.size)
-    back = np.abs(steps + HOUR_S - usual) <= within
-    return back.astype(np.float64) - (np.abs(steps - HOUR_S - usual) <= within)
+    back = np.abs(steps + off_s - usual) <= within
+    return back.astype(np.float64) - (np.abs(steps - off_s - usual) <= within)
 
 
 def _without_summer_time(times: Times) -> Times:

@@ -6,16 +6,20 @@ import hashlib
 import math
 import pickle
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import fault
 from rig.core.python_words import in_python
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
-from rig.files.thermometer_faults import FalseReadings, false_lines
+from rig.files.thermometer_faults import FalseReadings, false_lines, without
+
+if TYPE_CHECKING:
+    from rig.files.branches import Rows
 
 __all__ = ["Record", "Refused", "content_digest", "unit_of"]
 
@@ -52,23 +56,34 @@ class Record:
     @classmethod
     @in_python()
     def from_arrays(
-        cls, columns: Mapping[str, Any], column: Iterable[str] = (), needs: Iterable[str] = (), source: str = "arrays"
+        cls,
+        columns: Mapping[str, Any],
+        column: Iterable[str] = (),
+        needs: Iterable[str] = (),
+        source: str = "arrays",
+        rows: Rows | None = None,
     ) -> Record:
         """A record of numpy arrays, or of anything that becomes one, by name. Raises Faults.
 
         Names are read as those of a file: ours, or plain ones such as 'T [K]'. column: of names that are not plain,
-        as 'resistance_ohm=R@kohm'. needs: columns that have to be there, besides time_s. Times may be datetime64.
+        as 'resistance_ohm=R@kohm'. needs: columns that have to be there, besides time_s. Times may be datetime64. rows:
+        what is known of the order of the rows (`rig.files.branches.Rows`).
         """
         from rig.files.array_table import array_table
         from rig.files.column_mapping import ColumnMapping
         from rig.files.converted_columns import record_of
 
-        return record_of(array_table(columns, source), [ColumnMapping.parse(text) for text in column], needs)
+        return record_of(array_table(columns, source), [ColumnMapping.parse(text) for text in column], needs, rows=rows)
 
     @classmethod
     @in_python()
     def from_frame(
-        cls, frame: Any, column: Iterable[str] = (), needs: Iterable[str] = (), source: str = "data frame"
+        cls,
+        frame: Any,
+        column: Iterable[str] = (),
+        needs: Iterable[str] = (),
+        source: str = "data frame",
+        rows: Rows | None = None,
     ) -> Record:
         """A record of a pandas DataFrame, or of what has its `columns`, `index` and `[name]`. Raises as `from_arrays`.
 
@@ -76,7 +91,7 @@ class Record:
         """
         from rig.files.array_table import columns_of_frame
 
-        return cls.from_arrays(columns_of_frame(frame), column, needs, source)
+        return cls.from_arrays(columns_of_frame(frame), column, needs, source, rows)
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with the columns, text columns too. Raises Faults where pandas is not installed."""
@@ -125,6 +140,39 @@ class Record:
     def as_read(self) -> dict[str, Array]:
         """Return the columns with the readings of the thermometer that are not believed."""
         return self.columns if self.as_read_degC is None else {**self.columns, "temperature_degC": self.as_read_degC}
+
+    def of_rows(self, order: NDArray[np.intp]) -> Record:
+        """Return the record with its rows in another order, each once; the times stay where they are."""
+        place, left_out = np.argsort(order), []
+        for one in self.left_out:
+            rows = np.sort(place[one.first : one.last + 1])
+            for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+                left_out.append(replace(one, first=int(part[0]), last=int(part[-1])))
+        return replace(
+            self,
+            columns={name: values if name == "time_s" else values[order] for name, values in self.columns.items()},
+            text_columns={name: [values[k] for k in order] for name, values in self.text_columns.items()},
+            left_out=tuple(sorted(left_out, key=lambda one: one.first)),
+            as_read_degC=None if self.as_read_degC is None else self.as_read_degC[order],
+        )
+
+    def followed_by(self, other: Record, later_s: float) -> Record:
+        """Return the record with the rows of another one below its own, of the columns that both have; the other's
+        times are later_s later than it says."""
+        columns, others = self.as_read(), dict(other.as_read())
+        others |= {name: values + later_s for name, values in others.items() if f"_{name}".endswith("_time_s")}
+        joined = {name: np.concatenate([columns[name], others[name]]) for name in columns if name in others}
+        texts = {
+            name: [*values, *other.text_columns[name]]
+            for name, values in self.text_columns.items()
+            if name in other.text_columns
+        }
+        moved = (replace(one, first=one.first + self.rows, last=one.last + self.rows) for one in other.left_out)
+        left_out, as_read = (*self.left_out, *moved), None
+        if left_out and "temperature_degC" in joined:
+            as_read = joined["temperature_degC"]
+            joined["temperature_degC"] = without(as_read, left_out)
+        return replace(self, columns=joined, text_columns=texts, left_out=left_out, as_read_degC=as_read)
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]

@@ -13,7 +13,7 @@ from rig.core.python_words import in_python
 from rig.files.effect_tables import add_effect_files, assumed
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.model_file import Model
-from rig.notebook.records import as_record
+from rig.notebook.records import as_records
 from rig.notebook.shown import Shown
 from rig.report.diagnosis_lines import lines
 from sim.diagnosis.result import Diagnosis
@@ -88,8 +88,8 @@ def diagnose(
         if value is not None and value not in choices:
             raise fault("diagnose", f"{name} {value!r}", f"expected one of {', '.join(choices)}")
     known = assumed([{"name": name, **values} for name, values in (assume or {}).items()], "assume")
-    others = [as_record(one) for one in holdout]
-    one, *more = [as_record(source) for source in (record, *further)]
+    others = as_records(holdout)
+    one, *more = as_records((record, *further))
     found, extended = diagnosed(one, base, output, others, plate, known, budget_s, more, false_alarm, say)
     effects = {f.name: {name: value for name, (value, _) in f.parameters.items()} for f in found.findings}
     told = tuple(lines(found)), found.document(), found, one.drive

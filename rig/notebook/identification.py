@@ -11,7 +11,7 @@ from rig.analysis.identified import AskedFit, Identified, identified
 from rig.core.python_words import in_python
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.model_file import Model
-from rig.notebook.records import as_record
+from rig.notebook.records import as_records
 from rig.notebook.shown import Shown
 from rig.report.identified_records import compared, in_words
 
@@ -76,7 +76,7 @@ def identify(
     kind. say: called with what was decided on the way. Raises Faults.
     """
     asked = AskedFit(output, kind, form, operators, initial, violate_order, compress, plate, seed)
-    found = identified([as_record(one) for one in (record, *further)], asked, say)
+    found = identified(as_records((record, *further)), asked, say)
     lines: list[str] = []
     document = in_words(found, lines.append)
     return Identification(found.model, found.film, found.plate, found.numbers, tuple(lines), document, found)

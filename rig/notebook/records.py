@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
@@ -9,9 +10,9 @@ from typing import Any
 
 from rig.core.faults import fault
 from rig.core.python_words import in_python
+from rig.files.branches import Rows, loops
 from rig.files.column_mapping import ColumnMapping
 from rig.files.record import Record
-from rig.files.record_file import Rows
 from rig.files.record_file import read_record as read_file
 
 NEEDED = ("temperature_degC",)
@@ -40,15 +41,20 @@ def read_record(
         record = rig.read_record({"t / min": t_min, "T [K]": T_K, "R [kohm]": R_kohm})
     """
     typed = [column] if isinstance(column, str) else list(column)
+    if period_s is not None and not 0.0 < period_s < math.inf:
+        raise fault("read_record", f"period_s {period_s:g}", "expected a number of seconds > 0")
+    rows = Rows(period_s, reversed, branches)
     if isinstance(source, (str, PathLike)):
-        rows = Rows(period_s, reversed, branches)
-        return read_file(Path(source), [ColumnMapping.parse(text) for text in typed], needs, decimal, rows=rows)
-    if isinstance(source, Mapping):
-        return Record.from_arrays(source, typed, needs)
-    if hasattr(source, "columns") and hasattr(source, "index"):
-        return Record.from_frame(source, typed, needs)
-    text = f"expected a file's path, a mapping of arrays by name or a data frame, not {type(source).__name__}"
-    raise fault("read_record", "source", text)
+        record = read_file(Path(source), [ColumnMapping.parse(text) for text in typed], needs, decimal, rows=rows)
+    elif isinstance(source, Mapping):
+        record = Record.from_arrays(source, typed, needs, rows=rows)
+    elif hasattr(source, "columns") and hasattr(source, "index"):
+        record = Record.from_frame(source, typed, needs, rows=rows)
+    else:
+        text = f"expected a file's path, a mapping of arrays by name or a data frame, not {type(source).__name__}"
+        raise fault("read_record", "source", text)
+    (record,) = loops([record], rows)
+    return record
 
 
 def as_record(source: Any) -> Record:
@@ -57,3 +63,8 @@ def as_record(source: Any) -> Record:
         return source
     held = getattr(source, "record", None)
     return held if isinstance(held, Record) else read_record(source)
+
+
+def as_records(sources: Iterable[Any]) -> list[Record]:
+    """The same of several, of which the two branches of a loop become one record. Raises Faults."""
+    return loops([as_record(one) for one in sources], Rows())

@@ -11,7 +11,7 @@ import pytest
 
 from rig.core.faults import Faults
 from rig.files.record import Record
-from rig.files.record_file import read_record
+from rig.files.record_file import Rows, read_record
 
 Peltier = Callable[..., tuple[int, str, str]]
 END = "***End_of_Header***"
@@ -126,6 +126,53 @@ def test_a_databases_rows(tmp_path: Path) -> None:
     lines = [f"{t},{x},T (degC)" for t, x in zip(stamps, DEGC, strict=True)]
     lines += [f"{t},{x!r},R (ohm)" for t, x in zip(stamps, OHM.tolist(), strict=True)]
     assert_read(read(tmp_path / "a.csv", "_time,_value,_field\n" + "\n".join(lines) + "\n"))
+
+
+def stacked(stamps: list[str], degC: np.ndarray, ohm: np.ndarray) -> str:
+    lines = [f"{t},{x!r},T (degC)" for t, x in zip(stamps, degC.tolist(), strict=True)]
+    lines += [f"{t},{x!r},R (ohm)" for t, x in zip(stamps, ohm.tolist(), strict=True)]
+    return "_time,_value,_field\n" + "\n".join(lines) + "\n"
+
+
+def test_two_readings_in_a_second_that_is_not_parted(tmp_path: Path) -> None:
+    """Of each two rows of a channel with the same stamp the first was overwritten by the second."""
+    stamps = [f"2026-11-21T14:03:{k // 2:02d}Z" for k in range(COUNT)]
+    said = refusal(tmp_path / "a.csv", stacked(stamps, DEGC[::-1], OHM))
+    assert "the same as in the row before (15 such rows" in said
+    assert "--period SECONDS if they are evenly apart" in said
+    (tmp_path / "a.csv").write_text(stacked(stamps, DEGC, OHM))
+    record = read_record(tmp_path / "a.csv", needs=("temperature_degC",), rows=Rows(period_s=0.5))
+    assert_read(record, 0.5)
+    assert "'_time' left" in " ".join(record.said)
+
+
+def test_a_databases_rows_with_the_begin_and_end_of_the_query(tmp_path: Path) -> None:
+    """`_start` and `_stop` are the same in each row, and were taken for the times: the file was refused."""
+    lines = stacked([f"2026-11-21T14:03:{2 * k % 60:02d}Z" for k in range(COUNT)], DEGC, OHM).splitlines()
+    query = "2026-11-21T14:00:00Z,2026-11-21T15:00:00Z"
+    lines = [f"_start,_stop,{lines[0]}", *(f"{query},{line}" for line in lines[1:])]
+    assert_read(read(tmp_path / "a.csv", "\n".join(lines) + "\n"))
+
+
+@pytest.mark.parametrize("missing", [10, 11, 0])
+@pytest.mark.parametrize("dates", [True, False])
+def test_one_reading_is_missing_of_a_meters_buffer(tmp_path: Path, missing: int, dates: bool) -> None:
+    """From there on each temperature stood beside the resistance of the scan before; of dates the resistance's own
+    time was forgotten."""
+    lines = []
+    for k in range(COUNT):
+        for value, unit, channel, late in ((DEGC[k], "Celsius", 101, 0.0), (OHM[k], "Ohm", 102, 0.4)):
+            seconds = 2.0 * k + late
+            when = f"2026-11-21 14:{3 + int(seconds) // 60:02d}:{seconds % 60.0:04.1f}" if dates else f"{seconds:.1f}"
+            lines.append(f"{len(lines)},{value:.7E},{unit},{channel},{when}")
+    del lines[missing]
+    text = f"Index,Reading,Unit,Channel,{'Time' if dates else 'Relative Time'}\n" + "\n".join(lines) + "\n"
+    record = read(tmp_path / "a.csv", text)
+    degC, ohm = (record[name] for name in ("temperature_degC", "resistance_ohm"))
+    both = np.isfinite(degC) & np.isfinite(ohm)
+    assert (record.rows, np.sum(both)) == (COUNT, COUNT - 1)
+    np.testing.assert_allclose(ohm[both], 1e5 / (1.0 + degC[both] - 25.0), rtol=1e-5)
+    np.testing.assert_allclose((record["resistance_time_s"] - record["time_s"])[both], 0.4, atol=1e-6)
 
 
 def test_a_column_called_value_in_a_table_of_moments_stays_one(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ typed is right."""
 
 from __future__ import annotations
 
+import argparse
 import re
 import shlex
 from collections.abc import Callable
@@ -12,12 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rig
 from rig.analysis.film_numbers import numbers_of_record
+from rig.command.record_arguments import add_record_arguments, read_each
 from rig.core.faults import Faults
 from rig.files.branches import loops
 from rig.files.column_mapping import ColumnMapping
-from rig.files.record import Record
+from rig.files.record import Record, Refused
 from rig.files.record_file import Rows, read_record
+from rig.notebook.records import as_records
 
 Peltier = Callable[..., tuple[int, str, str]]
 HALF = 150  # rows of a branch
@@ -176,6 +180,51 @@ def test_branches_side_by_side_with_times(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(record["time_s"]), 1.0)
 
 
+@pytest.mark.parametrize(
+    ("head", "asked"),
+    [
+        ("T,R,T,R\nK,kOhm,degC,Ohm", True),
+        ("T heating,R heating,T cooling,R cooling\nK,kOhm,degC,Ohm", False),
+        ("T heating (K),R heating (kOhm),T cooling (C),R cooling (Ohm)", False),
+        ("T heating (C),R heating (kOhm),T cooling (C),R cooling (Ohm)", False),
+    ],
+)
+def test_branches_side_by_side_in_two_units(tmp_path: Path, head: str, asked: bool) -> None:
+    """Both were taken in the first one's unit: degrees as kelvins, ohms as kilohms."""
+    text = f"{head}\n" + rows_of(*branch(True), *branch(False))
+    with pytest.raises(Faults) as found:
+        read(tmp_path / "film.csv", text, rows=Rows(branches=asked))
+    (line,) = found.value.lines
+    assert re.search(r"is in (K|kohm), .* in (degC|ohm): heating and cooling side by side\? expected both in", line)
+    one = ("time_s=row", "temperature_degC=#1@degC", "resistance_ohm=#2@ohm")
+    assert_the_loop_s_heating(read(tmp_path / "film.csv", text, *one))
+
+
+def assert_the_loop_s_heating(record: Record) -> None:
+    assert transition(record) == (pytest.approx(HEATING_DEGC, abs=0.3), None)
+
+
+def test_branches_side_by_side_of_which_cooling_came_first(tmp_path: Path) -> None:
+    """Heating was put first, and the times of cooling were moved without a word."""
+    seconds = np.arange(float(HALF))
+    head = "t_heating (s),T_heating (C),R_heating (ohm),t_cooling (s),T_cooling (C),R_cooling (ohm)"
+    text = f"{head}\n" + rows_of(seconds + HALF + 60.0, *branch(True), seconds, *branch(False))
+    record = read(tmp_path / "film.csv", text)
+    assert "cooling first" in " ".join(record.said)
+    assert "put behind" not in " ".join(record.said)
+    np.testing.assert_allclose(record["time_s"], np.concatenate([seconds, seconds + HALF + 60.0]))
+    np.testing.assert_allclose(record["temperature_degC"][:HALF], branch(False)[0], rtol=1e-5)
+    anew = read(tmp_path / "film.csv", f"{head}\n" + rows_of(seconds, *branch(True), seconds, *branch(False)))
+    assert "heating first; its times put behind the first" in " ".join(anew.said)
+
+
+def test_rows_that_are_turned_keep_the_numbers_that_stand_for_times(tmp_path: Path) -> None:
+    """--reversed turned the numbers that the program itself had given: "falls in every row; expected --reversed"."""
+    head = "T_heating (C),R_heating (ohm),T_cooling (C),R_cooling (ohm)"
+    text = f"{head}\n" + rows_of(*branch(True), *branch(False))
+    assert_the_loop(read(tmp_path / "film.csv", text, rows=Rows(turned=True)))
+
+
 def test_names_that_stand_twice_are_asked_for(tmp_path: Path) -> None:
     text = "T (C),R (ohm),T (C),R (ohm)\n" + rows_of(*branch(True), *branch(False))
     assert "heating and cooling side by side? expected --branches" in refusal(tmp_path / "film.csv", text)
@@ -193,6 +242,154 @@ def test_branches_below_each_other(tmp_path: Path) -> None:
     for part, word in zip(parts, ("heating", "cooling"), strict=True):
         named += rows_of(*part).replace("\n", f",{word}\n")
     assert_the_loop(read(tmp_path / "film.csv", named))
+
+
+GONE = 40, HALF + 30  # rows of two branches below each other
+FAULT_ROWS = slice(20, 23)  # in the order of the file
+
+
+def with_a_fault(heating: bool, upwards: bool = True) -> str:
+    """A branch with three rows in which its thermometer reads a fault value."""
+    degC, ohm = branch(heating)
+    order = slice(None) if heating == upwards else slice(None, None, -1)
+    degC, ohm = degC[order].copy(), ohm[order]
+    degC[FAULT_ROWS] = -127.0
+    return "T (C),R (Ohm)\n" + rows_of(degC, ohm)
+
+
+def assert_left_out(record: Record, *rows: list[int]) -> None:
+    """Rows from 1, first and last: those named are those without a temperature, and the fault value is kept aside."""
+    assert [one["rows"] for one in record.left_out_document()] == list(rows)
+    assert record.as_read_degC is not None
+    assert np.array_equal(np.isnan(record["temperature_degC"]), record.as_read_degC == -127.0)
+    named = [k for first, last in rows for k in range(first - 1, last)]
+    assert np.flatnonzero(np.isnan(record["temperature_degC"])).tolist() == named
+    assert record.as_read()["temperature_degC"].shape == record["resistance_ohm"].shape
+
+
+def test_rows_that_are_left_out_are_turned_with_their_branch(tmp_path: Path) -> None:
+    """The lines and the JSON named rows that are fine, and `predict --out` wrote other temperatures beside them."""
+    (turned,) = loops([read(tmp_path / "film_cooling.csv", with_a_fault(False), "time_s=row")], Rows())
+    assert isinstance(turned, Record)
+    assert_left_out(turned, [HALF - 22, HALF - 20])
+
+
+def test_rows_that_are_left_out_are_joined_with_their_branches(tmp_path: Path) -> None:
+    """Those of the second file were forgotten, and `predict --out` met columns of two lengths."""
+    named = {"film_heating.csv": True, "film_cooling.csv": False}
+    found = [read(tmp_path / name, with_a_fault(heating), "time_s=row") for name, heating in named.items()]
+    (joined,) = loops(found, Rows())
+    assert isinstance(joined, Record)
+    assert joined.rows == 2 * HALF
+    assert_left_out(joined, [21, 23], [2 * HALF - 22, 2 * HALF - 20])
+    plain = read(tmp_path / "film_heating.csv", "T (C),R (Ohm)\n" + rows_of(*branch(True)), "time_s=row")
+    (joined,) = loops([plain, found[1]], Rows())
+    assert isinstance(joined, Record)
+    assert_left_out(joined, [2 * HALF - 22, 2 * HALF - 20])
+
+
+@pytest.mark.parametrize("missing", ["", "850", "-300"])
+def test_branches_below_each_other_where_a_temperature_is_missing(tmp_path: Path, missing: str) -> None:
+    """One empty field, and the cooling branch was taken for a second heating, whatever was typed."""
+    parts = [branch(True), tuple(values[::-1] for values in branch(False))]
+    lines = "".join(rows_of(*part) for part in parts).splitlines()
+    for k in GONE:
+        lines[k] = f"{missing},{lines[k].split(',')[1]}"
+    text = "\n".join(["T (C),R (ohm)", *lines]) + "\n"
+    assert "two branches, sorted alike? expected --branches" in refusal(tmp_path / "film.csv", text, "time_s=row")
+    record = read(tmp_path / "film.csv", text, "time_s=row", rows=Rows(branches=True))
+    if missing == "850":  # one reading that is far off, as noise makes them, is not left out
+        assert np.flatnonzero(record["temperature_degC"] == 850.0).tolist() == [40, 2 * HALF - 31]
+    else:
+        assert_the_loop(record)
+        assert np.flatnonzero(np.isnan(record["temperature_degC"])).tolist() == [40, 2 * HALF - 31]
+
+
+def test_a_file_that_cannot_be_read_changes_no_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One of many was refused, and every cooling branch beside it was taken for a heating, without a word."""
+    paths = [tmp_path / name for name in ("a_heating.csv", "broken.csv", "a_cooling.csv", "b_cooling.csv")]
+    for path in paths:
+        heating = "heating" in path.name
+        part = branch(heating) if heating else tuple(values[::-1] for values in branch(False))
+        path.write_text("T (C),R (Ohm)\n" + rows_of(*part) if path.name != "broken.csv" else "nothing\n")
+    parser = argparse.ArgumentParser()
+    add_record_arguments(parser)
+    loop, broken, cooling = read_each(paths, parser.parse_args(["--column", "time_s=row"]))
+    assert isinstance(broken, Refused)
+    assert isinstance(loop, Record)
+    assert isinstance(cooling, Record)
+    assert_the_loop(loop)
+    assert transition(cooling) == (None, pytest.approx(COOLING_DEGC, abs=0.3))
+    assert "its name says cooling" in capsys.readouterr().err
+
+
+def test_the_word_for_branches_and_files_that_need_it_not(tmp_path: Path) -> None:
+    """A file with its branches side by side, or with a whole loop, and times was refused: "expected two files"; two
+    such files became one loop."""
+    rows, seconds = Rows(branches=True), np.arange(float(HALF))
+    head = "t_heating (s),T_heating (C),R_heating (ohm),t_cooling (s),T_cooling (C),R_cooling (ohm)"
+    text = f"{head}\n" + rows_of(seconds, *branch(True), seconds, *branch(False))
+    found = [read(tmp_path / name, text, rows=rows) for name in ("a.csv", "b.csv")]
+    assert loops(found, rows) == found
+    assert loops(found[:1], rows) == found[:1]
+    held_out = read(tmp_path / "c.csv", "time_s,T (C),R (ohm)\n" + rows_of(seconds, *branch(True)), rows=rows)
+    assert loops([held_out], rows) == [held_out]
+
+
+def test_one_file_of_predictions_for_the_two_branches_of_a_loop(tmp_path: Path, peltier: Peltier) -> None:
+    """ "Expected a single RECORD" was said of the two files that are one."""
+    paths = [tmp_path / name for name in ("film_heating.csv", "film_cooling.csv")]
+    for path in paths:
+        path.write_text("T (C),R (Ohm)\n" + rows_of(*branch("heating" in path.name)))
+    words = ("--column", "time_s=row")
+    model, out = tmp_path / "model.toml", tmp_path / "out.csv"
+    status, _, err = peltier("identify", *paths, *words, "--operators", "8", "--out", model)
+    assert status == 0, err
+    status, _, err = peltier("predict", model, *paths, *words, "--out", out)
+    assert status == 0, err
+    assert len(out.read_text().splitlines()) == 2 * HALF + 1
+    status, _, err = peltier("predict", model, paths[0], paths[0], *words, "--out", tmp_path / "none.csv")
+    assert status == 2
+    assert "expected a single RECORD" in err
+
+
+@pytest.mark.parametrize("names", [("film_heating.csv", "film_cooling.csv"), ("film_cooling.csv", "film_heating.csv")])
+def test_branches_in_python(tmp_path: Path, names: tuple[str, str]) -> None:
+    """`rig.identify` took each branch for a record of its own, and a cooling one that is sorted upwards for a
+    heating."""
+    found = []
+    for name in names:
+        heating = "heating" in name
+        part = branch(True) if heating else tuple(values[::-1] for values in branch(False))
+        (tmp_path / name).write_text("T (C),R (Ohm)\n" + rows_of(*part))
+        found.append(rig.read_record(tmp_path / name, "time_s=row"))
+        assert (found[-1]["temperature_degC"][0] < 30.0) == heating
+    (joined,) = as_records(found)
+    assert_the_loop(joined)
+
+
+@pytest.mark.parametrize("framed", [False, True])
+def test_the_order_of_rows_of_arrays(loop: tuple, framed: bool) -> None:
+    """What was said of it in Python was ignored, but for files."""
+    columns = {"T (C)": loop[0][::-1], "R (ohm)": loop[1][::-1]}
+    source = pytest.importorskip("pandas").DataFrame(columns) if framed else columns
+    record = rig.read_record(source, period_s=0.5, reversed=True)
+    np.testing.assert_allclose(np.diff(record["time_s"]), 0.5)
+    np.testing.assert_allclose(record["temperature_degC"], loop[0])
+    side = np.split(loop[0], 2), np.split(loop[1], 2)
+    names = ("T_heating (C)", "T_cooling (C)", "R_heating (ohm)", "R_cooling (ohm)")
+    assert_the_loop(rig.read_record(dict(zip(names, [*side[0], *side[1]], strict=True)), branches=True))
+    with pytest.raises(Faults, match="expected a number of seconds > 0"):
+        rig.read_record(columns, period_s=-1.0)
+
+
+def test_two_files_of_the_same_sense_are_no_loop(tmp_path: Path) -> None:
+    """Two heatings of two films were joined to one loop."""
+    rows = Rows(branches=True)
+    text = "T (C),R (Ohm)\n" + rows_of(*branch(True))
+    found = [read(tmp_path / name, text, "time_s=row", rows=rows) for name in ("a_heating.csv", "b_heating.csv")]
+    with pytest.raises(Faults, match="both names say heating; expected one of heating and one of cooling"):
+        loops(found, rows)
 
 
 def test_a_heater_beside_a_film_is_no_branch(tmp_path: Path) -> None:
@@ -268,6 +465,15 @@ def test_the_hour_that_comes_twice(tmp_path: Path, form: str) -> None:
     np.testing.assert_allclose(np.diff(typed_on(tmp_path / "a.csv", text)["time_s"]), 2.0)
 
 
+@pytest.mark.parametrize("form", ["%I:%M:%S", "%Y-%m-%d %I:%M:%S"])
+def test_a_clock_of_twelve_hours_that_does_not_say_which(tmp_path: Path, form: str) -> None:
+    """ "Expected increasing times" was all that was said, or that another sweep begins."""
+    when = [datetime(2026, 10, 20, 12, 55) + timedelta(seconds=2 * k) for k in range(300)]
+    text = "Timestamp,T (C)\n" + "".join(f"{one.strftime(form)},{25 + k % 9}\n" for k, one in enumerate(when))
+    said = refusal(tmp_path / "a.csv", text)
+    assert "line 152: time_s: the clock went back by 12 h: of 12 hours, without AM or PM? expected" in said
+
+
 def test_an_hour_that_is_missing_is_told(tmp_path: Path) -> None:
     when = [datetime(2026, 3, 29, 1, 58) + timedelta(seconds=2 * k) for k in range(120)]
     local = [one + timedelta(hours=1) if one >= datetime(2026, 3, 29, 2) else one for one in when]
@@ -305,6 +511,21 @@ def test_a_clock_that_is_wrong_throughout_is_refused(tmp_path: Path) -> None:
     full = [f"{k // 2},{25 + k % 30},{1000 - k}" for k in range(200)]
     said = refusal(tmp_path / "a.csv", "\n".join([HEAD, *full]) + "\n")
     assert "the same as in the row before (100 such rows, to line 201)" in said
+
+
+def test_times_beside_a_period_that_is_typed(tmp_path: Path) -> None:
+    """A file's own times were thrown away in silence; and a period was offered for times that stand still, and refused
+    when it was typed."""
+    rows = Rows(period_s=0.5)
+    text = "".join(f"{k // 2},{25 + k % 30},{1000 - k}\n" for k in range(200))
+    assert "expected a time of its own for each row, or --period" in refusal(tmp_path / "a.csv", f"{HEAD}\n{text}")
+    record = read(tmp_path / "a.csv", f"{HEAD}\n{text}", rows=rows)
+    np.testing.assert_allclose(np.diff(record["time_s"]), 0.5)
+    assert "'time_s' left: the times are those of --period" in " ".join(record.said)
+    record = read(tmp_path / "b.csv", "Time (s),T (C)\n" + "".join(f"{k},{25 + k}\n" for k in range(20)), rows=rows)
+    assert "'Time (s)' left: the times are those of --period" in " ".join(record.said)
+    with pytest.raises(Faults, match="a period or time_s=row was typed, and the file has time_s"):
+        read(tmp_path / "c.csv", "\n".join([HEAD, *LINES]) + "\n", rows=rows)
 
 
 @pytest.mark.parametrize("name", ["ms", "Milliseconds", "Fractional Seconds", "nsec"])
