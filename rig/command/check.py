@@ -79,7 +79,8 @@ def _who_answers_instead(file: ConfigurationFile) -> Iterator[None]:
         yield
     except (NotConfirmedOff, TimedOut, Corrupt, OutOfStep) as error:
         if isinstance(error, NotConfirmedOff):  # whoever reads this may have to switch off by hand, at once
-            print(f"OUTPUT NOT CONFIRMED OFF: {error}. Asking who answers at the ports ...", file=sys.stderr, flush=True)
+            text = f"OUTPUT NOT CONFIRMED OFF: {error}. Asking who answers at the ports ..."
+            print(text, file=sys.stderr, flush=True)
         try:
             lines, off = _others(file)
         except BaseException as other:  # a signal, a port that is held: the output is not confirmed off all the same

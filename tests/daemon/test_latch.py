@@ -293,7 +293,7 @@ def test_a_trip_during_a_reset_stays(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 class Disk:
-    """A folder of runs that fails (EIO), or hangs until it is released. asked: how often anybody looked for a report."""
+    """A folder of runs that fails (EIO), or hangs until it is released. asked: how often a report was looked for."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, hangs: bool) -> None:
         self.asked, self.answers = 0, threading.Event()

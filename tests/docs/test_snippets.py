@@ -239,6 +239,9 @@ class Bench:
         if words[0] in LASTING:
             self.start([sys.executable, "-m", "rig", *words])
             self.first_lines(1)
+            until_s = time.monotonic() + 20.0
+            while words[0] == "serve" and main(["status"]) == 11 and time.monotonic() < until_s:
+                time.sleep(0.1)  # nobody types the next line before the controller has answered
             return
         if words == ["replay", "RUN"]:
             words = ["replay", str(self.last_run())]
