@@ -23,6 +23,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
+from rig.files.branches import names_twice, sense_in
 from rig.files.column_meaning import meaning_of
 from rig.files.field_numbers import Signs, blank_like, number_like, signs_of
 from rig.files.field_times import time_like
@@ -230,7 +231,21 @@ def names_and_units(head: Head, above: Sequence[str], form: Form) -> tuple[list[
     names = ["", *head.rows[0]] if head.index_column else head.rows[0]
     units = next((row for row in head.rows[1:] if _is_units(row) and len(row) == form.fields), empty)
     units = [unit if spelled(unit) is not None else "" for unit in units]
-    return list(names), units
+    return _with_senses(list(names), head), units
+
+
+def _with_senses(names: list[str], head: Head) -> list[str]:
+    """Names that stand twice, with heating or cooling behind them where another line above the rows says which is
+    which; it may do so at the first column of each only."""
+    for row in head.rows[1:] if names_twice(names) else []:
+        senses = [sense_in(field)[0] for field in row]
+        if len(row) == len(names) and senses[0] and {"heating", "cooling"} <= set(senses):
+            last, named = "", []
+            for name, sense, field in zip(names, senses, row, strict=True):
+                last = sense if field else last
+                named.append(f"{name} {last}".strip())
+            return named
+    return names
 
 
 COMMENTED_ROW = re.compile(r"[\r\n]\s*[#%!]")

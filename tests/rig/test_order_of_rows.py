@@ -231,6 +231,16 @@ def test_names_that_stand_twice_are_asked_for(tmp_path: Path) -> None:
     assert_the_loop(read(tmp_path / "film.csv", text, rows=Rows(branches=True)))
 
 
+@pytest.mark.parametrize("line", ["cooling,cooling,heating,heating", "Cooling,,Heating,", "cooled run,,heated run,"])
+@pytest.mark.parametrize("rows", [None, Rows(branches=True)])
+def test_a_line_above_the_rows_says_which_branch_is_which(tmp_path: Path, line: str, rows: Rows | None) -> None:
+    """Origin's line of comments was ignored, and the branch that stands first was heating whatever it said."""
+    text = f"T,R,T,R\ndegC,Ohm,degC,Ohm\n{line}\n" + rows_of(*branch(False), *branch(True))
+    record = read(tmp_path / "film.csv", text, rows=rows)
+    assert_the_loop(record)
+    np.testing.assert_allclose(record["temperature_degC"][:HALF], branch(True)[0], rtol=1e-5)
+
+
 def test_branches_below_each_other(tmp_path: Path) -> None:
     """Both sorted upwards, the cooling branch would be a second heating."""
     parts = [branch(True), tuple(values[::-1] for values in branch(False))]
