@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from rig.bench.assembly import Bench
@@ -63,6 +64,14 @@ def _end_by(error: BaseException) -> _End:
         return _End("failed", str(error), 1, type(error).__name__.lower(), f"the run lost an instrument: {error}")
     beside = [note for note in getattr(error, "__notes__", []) if not isinstance(note, OfOutput)]  # told elsewhere
     return _End("failed", "; ".join([f"{type(error).__name__}: {error}", *beside]), 1, "program_fault")
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether it is there; a disk that fails keeps no job from ending."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
 
 
 class JobRun(Watcher):
@@ -154,7 +163,7 @@ class JobRun(Watcher):
         job.state, job.reason, job.exit_status = end.state, end.reason, end.exit_status
         job.ended_s = desk.label_s()
         if end.state != "done":
-            job.folder = part_of(job.out) if part_of(job.out).is_dir() else None
+            job.folder = part_of(job.out) if _is_folder(part_of(job.out)) else None
         job.report = report_of(job.id, str(job.folder) if job.folder is not None else None)
         desk.queue.keep(job)
         desk.job_changed(job)
@@ -167,7 +176,7 @@ class JobRun(Watcher):
     def _report(self) -> None:
         """The reports of what was recorded until it ended early."""
         part = part_of(self._job.out)
-        if self._pass.void is None and part.is_dir():
+        if self._pass.void is None and _is_folder(part):
             from rig.report.run import write_missing_reports
 
             write_missing_reports(part)
