@@ -34,9 +34,12 @@ def write_run_report(run: RunRows, out: Path) -> None:
 def write_missing_reports(part: Path) -> None:
     """Those of the runs in a folder that ended early: its own, and those of the runs inside it. Never raises an
     Exception: what cannot be read has none."""
-    for folder in (*part.glob("*.part"), part):
-        if (folder / "run.json").is_file() and not (folder / "report.html").exists():
-            with suppress(Exception):
+    folders = [part]
+    with suppress(OSError):
+        folders = [*part.glob("*.part"), part]
+    for folder in folders:
+        with suppress(Exception):
+            if (folder / "run.json").is_file() and not (folder / "report.html").exists():
                 write_run_report(recorded_run(folder), folder)
 
 
