@@ -22,10 +22,10 @@ from benchmarks._paper_models import (
 )
 from compensator.hysteresis.film import FilmModel, Memory, Memoryless
 from compensator.hysteresis.functions import envelope_values, memoryless_value
-from compensator.identification.compression import compress
-from compensator.identification.film import FilmFit, identify_film
 from compensator.inverse.inverse import Inverse
 from compensator.inverse.iteration import iterate
+from sim.inference.film.compression import compress
+from sim.inference.film.fit import FilmFit, identify_film
 
 SIGMAS = (1e-4, 1e-2)
 FIVE = 5

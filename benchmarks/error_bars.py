@@ -26,8 +26,8 @@ ROWS = 5000
 
 def one(seed: int) -> tuple[dict[str, tuple[bool, float]], float, float]:
     """One record: per identified parameter (inside, half-width), share of rows inside their band, RMSE / noise."""
-    from compensator.identification.film import identify_film
-    from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile
+    from sim.inference.film.fit import identify_film
+    from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile
 
     film = is_prandtl_ishlinskii(seed)
     random = np.random.default_rng(10_000 + seed)

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.film import FilmModel
-from compensator.identification.film import FilmFit, FilmRecord, identify_film, identify_film_records
 from compensator.thermal.plate import PlateModel
-from sim.inference.plate import identify_plate
-from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile, relay_film
+from sim.inference.film.fit import FilmFit, FilmRecord, identify_film, identify_film_records
+from sim.inference.plate.fit import identify_plate
+from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile, relay_film
 
 Array = NDArray[np.float64]
 DATA = Path(os.environ.get("PELTIER_DATA", Path(__file__).parents[2] / "shared" / "data"))

@@ -34,10 +34,10 @@ sys.path.insert(0, str(ROOT))
 
 import numpy as np  # noqa: E402 - numpy reads these where it is imported
 
-from compensator.identification.model_selection import rms  # noqa: E402
 from rig.analysis.diagnosed import diagnosed  # noqa: E402
 from rig.files.record import Record  # noqa: E402
 from rig.files.record_file import ColumnMapping, read_record  # noqa: E402
+from sim.inference.film.model_selection import rms  # noqa: E402
 
 if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis

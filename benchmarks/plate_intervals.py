@@ -68,7 +68,7 @@ def record(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, di
 
 def one(job: tuple[str, int]) -> tuple[list[bool], list[float], float]:
     """Of one record: which parameters are inside, how far each is off in its standard errors, and the time taken."""
-    from sim.inference.plate import identify_plate
+    from sim.inference.plate.fit import identify_plate
 
     clock, shown, current, truth = record(*job)
     began = time.perf_counter()

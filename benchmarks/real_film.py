@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from compensator.identification.film import identify_film
 from compensator.thermal.plate import PlateModel
 from rig.__main__ import main as peltier
 from rig.files.model_file import Model, write_model
 from rig.files.record_file import ColumnMapping, read_record
+from sim.inference.film.fit import identify_film
 
 ASKED_DEC = 0.1
 COLUMNS = ("time_s=t_s", "temperature_degC=T_K@K", "resistance_ohm=R_ohm")

@@ -39,7 +39,7 @@ Judged = tuple[str, str, bool, bool, float]  # kind, name, inside, whether the c
 
 def judged(seed: int) -> tuple[list[Judged], list[tuple[str, str]]]:
     """The numbers of one record, judged, and those that it could not tell, with the reasons."""
-    from compensator.characterization.transition import transition
+    from sim.inference.transition.transition import transition
 
     known = draw_known(seed)
     found = transition(known.time_s, known.temperature_degC, -known.log_ohm)

@@ -10,4 +10,3 @@ report: Callable[[str], None] = lambda text: None  # noqa: E731 - to be replaced
 """Called with a line when loops are compiled, and when they cannot be kept."""
 
 os.environ.pop("NUMBA_DISABLE_JIT", None)  # meant for a user's own loops: ours need what only compiled code has
-

@@ -1,4 +1,4 @@
-"""Compiles what the control law and the fit of a film need: `python -m compensator.precompile`.
+"""Compiles what the control law needs: `python -m compensator.precompile`.
 
 The loops are kept on disk (`compensator.compiled`); `./peltier` starts this in the background after a set-up.
 """
@@ -12,8 +12,6 @@ from compensator.control.law_step import Inputs
 from compensator.control.model_error import FEWEST, lacking
 from compensator.control.pid import PidGains
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
-from compensator.identification.film import identify_film
-from compensator.inverse.check import check_model
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
 
@@ -28,12 +26,6 @@ PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)  # a usual one of 30 J/K
 
 
 def precompile() -> None:
-    """Compile the control law and the fit of a film."""
-    precompile_law()
-    precompile_film_fit()
-
-
-def precompile_law() -> None:
     """One step of each law, from a known and from an unknown memory, one inversion, and what a run taught, with a small
     film."""
     inverse = Inverse(FILM)
@@ -53,17 +45,6 @@ def precompile_law() -> None:
     PLATE.current_for_rate_A(50.0, 0.0, 1.0)
     PLATE.linearized(50.0, 1.0)
     lacking(np.sin(np.arange(2.0 * FEWEST)), np.ones(2 * FEWEST))
-
-
-def precompile_film_fit() -> None:
-    """Fit a small film to two sweeps, and check it."""
-    time_s = np.arange(150.0) * 0.4
-    degC = 60.0 + 25.0 * np.sin(time_s * np.pi / 15.0)
-    output, _ = FILM.simulate(degC, FILM.initial_memory(float(degC[0])))
-    fit = identify_film(
-        time_s, degC, output, kind="extended_generalized_pi", form="tanh", operators=2, initial="heated"
-    )
-    check_model(fit.model, 40.0, 80.0)
 
 
 if __name__ == "__main__":

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
-from compensator.identification.film import identify_film
 from compensator.inverse.inverse import Inverse
 from rig.report.figures import COLOURS, SETTINGS
+from sim.inference.film.fit import identify_film
 
 Array = NDArray[np.float64]
 OUT = Path(__file__).resolve().parent / "figures"

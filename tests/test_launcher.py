@@ -34,6 +34,7 @@ pip)
 esac
 """
 
+
 def launcher(root: Path, monkeypatch: pytest.MonkeyPatch, *words: str) -> ModuleType:
     """`./peltier WORDS` as a module, before it has done anything but look at the words."""
     monkeypatch.setattr("sys.argv", ["peltier", *words])

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.model_selection import rms
 from rig.analysis.film_sense import rising
 from rig.analysis.given_twice import require_different
 from rig.analysis.held_out import require_judging
@@ -33,6 +32,7 @@ from sim.diagnosis.of_full_drive import of_full_drive
 from sim.diagnosis.report.caution import Caution
 from sim.diagnosis.result import Diagnosis, HeldOutRecord
 from sim.diagnosis.search.chain import FALSE_ALARM
+from sim.inference.film.model_selection import rms
 from sim.model.inputs import NAMES as INPUTS
 
 

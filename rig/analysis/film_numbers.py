@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from compensator.characterization.forc import Forc, forc
-from compensator.characterization.quantity import untold
-from compensator.characterization.transition import Transition, transition
 from compensator.hysteresis.functions import Array
-from compensator.identification.held_readings import repeated_rows
-from compensator.identification.temperature_smoother import temperature_path
 from rig.analysis.score import Rows
 from rig.analysis.transition_words import WORDS, document, lines, notes, rows
 from rig.files.film_output import in_decades, sign_of, unit_of
 from rig.files.record import Record
 from rig.files.thermometer_faults import false_lines, false_readings, without
+from sim.inference.quantity import untold
+from sim.inference.readings.repeated import repeated_rows
+from sim.inference.readings.temperature_path import temperature_path
+from sim.inference.transition.forc import Forc, forc
+from sim.inference.transition.transition import Transition, transition
 
 FAR_OFF = 5.0  # times the noise
 NO_JUMPS = 0.98  # of the changes from reading to reading

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from compensator.identification.output_sense import output_falls
 from rig.core.faults import Faults
 from rig.files.film_output import FALLING_RESISTANCE, column_of, other_sense
 from rig.files.record_file import Record
+from sim.inference.readings.output_sense import output_falls
 
 
 def rising(records: Sequence[Record], output: str, say: Callable[[str], None]) -> str:

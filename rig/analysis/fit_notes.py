@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from compensator.inverse.check import Finding
-    from sim.inference.plate import PlateFit
+    from sim.inference.plate.fit import PlateFit
 
 MISFIT: Final = 2.0  # times the noise: beyond it a model does not describe its record
 

@@ -10,9 +10,6 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
-from compensator.identification.compression import Compression, compress
-from compensator.identification.film import FilmFit, FilmRecord, identify_film_records
-from compensator.identification.temperature_smoother import temperature_path
 from compensator.inverse.check import Finding, check_model
 from rig.analysis.film_numbers import FilmNumbers, doubted, numbers_of_record
 from rig.analysis.film_sense import rising
@@ -21,7 +18,10 @@ from rig.files.film_output import FALLING_RESISTANCE, column_of
 from rig.files.film_records import seen_degC, told_by
 from rig.files.model_file import Model
 from rig.files.record_file import Record
-from sim.inference.plate import PlateFit, PlateRecord, identify_plate_records
+from sim.inference.film.compression import Compression, compress
+from sim.inference.film.fit import FilmFit, FilmRecord, identify_film_records
+from sim.inference.plate.fit import PlateFit, PlateRecord, identify_plate_records
+from sim.inference.readings.temperature_path import temperature_path
 
 
 @dataclass(frozen=True)

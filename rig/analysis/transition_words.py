@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from compensator.characterization.forc import Forc
-from compensator.characterization.quantity import Quantity
-from compensator.characterization.transition import Transition
+from sim.inference.quantity import Quantity
+from sim.inference.transition.forc import Forc
+from sim.inference.transition.transition import Transition
 
 WORDS = {
     "heating_degC": ("transition temperature on heating", "degC"),

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.covariance import NORMAL_95
 from rig.analysis.change_point import Change, latest_change
+from sim.inference.covariance import NORMAL_95
 
 
 @dataclass(frozen=True, eq=False)

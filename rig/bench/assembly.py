@@ -51,9 +51,7 @@ class Bench:
 
 
 @contextmanager
-def open_bench(
-    file: ConfigurationFile, guard: Guard = UNGUARDED, *, only_look: bool = False
-) -> Iterator[Bench]:
+def open_bench(file: ConfigurationFile, guard: Guard = UNGUARDED, *, only_look: bool = False) -> Iterator[Bench]:
     """Open the ports, identify the instruments, set their limits; the output is commanded off first.
 
     only_look: take another instrument of the kind as well, and a port that another program has open without a lock;

@@ -21,10 +21,6 @@ from compensator.control.design import design_temperature
 from compensator.control.law import Law, LawSettings
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
-from compensator.identification.film import FilmFit, identify_film
-from compensator.identification.gaps import rows_after_gaps
-from compensator.identification.output_sense import output_falls
-from compensator.identification.temperature_smoother import temperature_path
 from compensator.inverse.check import Finding, check_model
 from compensator.thermal.plate import Kind
 from rig.analysis.film_numbers import FilmNumbers, believed_degC, doubted, numbers_of_run, plate_course
@@ -46,7 +42,11 @@ from rig.safety.plate_watch import watchable_rate_K_per_s
 from sim.effects.actuator_delay import EFFECT as ACTUATOR_DELAY
 from sim.effects.effect import Switched, switched
 from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
-from sim.inference.plate import PlateFit, identify_plate
+from sim.inference.film.fit import FilmFit, identify_film
+from sim.inference.plate.fit import PlateFit, identify_plate
+from sim.inference.readings.output_sense import output_falls
+from sim.inference.readings.temperature_path import temperature_path
+from sim.model.gaps import rows_after_gaps
 
 LEAST_RATE_K_PER_S = 0.03  # of the profile: a plate that can do less has not been seen as it is, or needs hours
 LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would take hours

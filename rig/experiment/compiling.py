@@ -12,13 +12,15 @@ import compensator
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import LawName
 from compensator.control.pid import PidGains
-from compensator.precompile import FILM, PLATE, precompile_film_fit, precompile_law
+from compensator.inverse.check import check_model
+from compensator.precompile import FILM, PLATE, precompile
 from rig.control.policies import warmed_up
 from rig.experiment.extended_model import chain_observer
 from sim.effects.actuator_delay import EFFECT as ACTUATOR_DELAY
 from sim.effects.effect import switched
 from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
-from sim.inference.plate import identify_plate
+from sim.inference.film.fit import identify_film
+from sim.inference.plate.fit import identify_plate
 
 LONG_S = 2.0  # from which its end is reported, too
 PERIOD_S = 0.1
@@ -29,9 +31,9 @@ def compile_ahead(say: Callable[[str], None], calibrates: bool) -> None:
     what is on disk already is loaded. say: called where it takes long."""
     began_s = time.monotonic()
     with _reported(say):
-        precompile_law()
+        precompile()
         if calibrates:
-            precompile_film_fit()
+            _precompile_film_fit()
             _precompile_plate_fit()
             behind = [switched(ACTUATOR_DELAY, {"delay_s": PERIOD_S}), switched(SENSOR_LAG, {"tau_s": 1.0})]
             names: tuple[LawName, ...] = ("temperature", "full")
@@ -43,6 +45,17 @@ def compile_ahead(say: Callable[[str], None], calibrates: bool) -> None:
     took_s = time.monotonic() - began_s
     if took_s > LONG_S:
         say(f"loops are ready after {took_s:.0f} s")
+
+
+def _precompile_film_fit() -> None:
+    """Fit a small film to two sweeps, and check it."""
+    time_s = np.arange(150.0) * 0.4
+    degC = 60.0 + 25.0 * np.sin(time_s * np.pi / 15.0)
+    output, _ = FILM.simulate(degC, FILM.initial_memory(float(degC[0])))
+    fit = identify_film(
+        time_s, degC, output, kind="extended_generalized_pi", form="tanh", operators=2, initial="heated"
+    )
+    check_model(fit.model, 40.0, 80.0)
 
 
 def _precompile_plate_fit() -> None:

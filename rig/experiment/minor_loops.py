@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.output_sense import output_falls
 from rig.core.outcome import Unsuitable
 from rig.files.run_folder import RunFolder
+from sim.inference.readings.output_sense import output_falls
 
 MEAN_ROWS = 17  # of a lagging thermometer, before its slope is taken
 LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition

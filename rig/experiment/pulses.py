@@ -18,7 +18,7 @@ from rig.files.configuration import Configuration
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
 from rig.safety.first_plate import OF_A_PULSE, OF_PULSES, KnownPlate
-from sim.inference.plate import identify_plate
+from sim.inference.plate.fit import identify_plate
 
 PULSE_SHARE = 0.5  # of the current limit, at most
 PULSE_S, PULSE_K = 8.0, 10.0  # how long, and by how much a pulse is to heat

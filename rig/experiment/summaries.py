@@ -11,7 +11,7 @@ from rig.experiment.calibration import Calibration
 
 if TYPE_CHECKING:
     from rig.experiment.session import Result
-    from sim.inference.plate import PlateFit
+    from sim.inference.plate.fit import PlateFit
 
 # What comes after it frightens whoever only wants to track, and mostly need not: the demo's heat sink puts its plate's
 # model off by 49 times the noise, and its law with feedback holds the film all the same.

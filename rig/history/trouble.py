@@ -98,4 +98,3 @@ def stat_of(path: Path) -> os.stat_result | None:
         return os.stat(path)
     except OSError:
         return None
-

@@ -18,17 +18,17 @@ from rig.report.identified_records import compared, in_words
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from compensator.identification.film import FilmFit
-    from sim.inference.plate import PlateFit
+    from sim.inference.film.fit import FilmFit
+    from sim.inference.plate.fit import PlateFit
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(Shown):
     """A film and a plate that were fitted to records.
 
-    model: both, as a model file has them. film: `compensator.identification.film.FilmFit`, None where no record has a
+    model: both, as a model file has them. film: `sim.inference.film.fit.FilmFit`, None where no record has a
     resistance; rmse and held_out_rmse are in decades, or in the unit of the output. plate:
-    `sim.inference.plate.PlateFit`, None where no record has a current. transition: of each record, what
+    `sim.inference.plate.fit.PlateFit`, None where no record has a current. transition: of each record, what
     it says of the film without a model. lines: what `peltier identify` prints; document: its JSON.
     """
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.covariance import NORMAL_95
 from rig.analysis.film_numbers import numbers_of_run
 from rig.analysis.residual import residual_dec, residual_label
 from rig.files.run_folder import PREDICTED
@@ -16,6 +15,7 @@ from rig.report.model_figures import draw_residual
 from rig.report.page import bullets, facts, figure, paragraph, section, table, tiles, write_page
 from rig.report.run_figures import draw_drive
 from rig.report.run_rows import PHASE, RunRows, drive_label
+from sim.inference.covariance import NORMAL_95
 
 UNITS = {
     "seebeck_over_capacity_per_A_s": ("S/C", "1/(A s)"),

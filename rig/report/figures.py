@@ -22,8 +22,8 @@ from matplotlib.ticker import EngFormatter, LogFormatter
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.gaps import rows_after_gaps
 from rig.files.written import write_text
+from sim.model.gaps import rows_after_gaps
 
 INK, SOFT, EDGE, GRID, SHADE, PAPER = "#1c2330", "#5b6472", "#8b94a3", "#e6e9ef", "#eef2f8", "#ffffff"
 DARK = {INK: "#e4e8ee", "#000000": "#e4e8ee", SOFT: "#a3adbb", GRID: "#2b323e", SHADE: "#202836", PAPER: "#14181f"}
@@ -90,7 +90,7 @@ def draw_line(
     """Draw readings over time, or over another column, joined where they follow one another.
 
     time_s, values, over: shape (rows,). The line breaks at a gap of the times of the finite readings (the rule is that
-    of records, `compensator.identification.gaps`), where times go back, and before the rows `breaks`; a reading alone
+    of records, `sim.model.gaps`), where times go back, and before the rows `breaks`; a reading alone
     between two breaks is a dot. held: each value holds until the next reading (a current).
     """
     time, y = np.asarray(time_s, dtype=np.float64), np.asarray(values, dtype=np.float64)

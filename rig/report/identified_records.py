@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compensator.identification.covariance import NORMAL_95
 from rig.analysis.fit_notes import finding_documents, finding_notes, plate_notes
 from rig.analysis.identified import AskedFit, Identified, identified, modelled
 from rig.analysis.one_row import of_identification
@@ -20,16 +19,17 @@ from rig.files.run_folder import plain_json
 from rig.many.engine import given
 from rig.report.many_records import Task
 from rig.report.told import MODEL, Told, files_in
+from sim.inference.covariance import NORMAL_95
 from sim.model.inputs import logged_inputs
 
 if TYPE_CHECKING:
-    from compensator.identification.compression import Compression
-    from compensator.identification.film import FilmFit
     from compensator.inverse.check import Finding
     from rig.analysis.film_numbers import FilmNumbers
     from rig.report.identification import Compared
     from rig.report.model_figures import ComparedPlate
-    from sim.inference.plate import PlateFit
+    from sim.inference.film.compression import Compression
+    from sim.inference.film.fit import FilmFit
+    from sim.inference.plate.fit import PlateFit
 
 Say = Callable[[str], None]
 
@@ -122,8 +122,8 @@ def identifications(asked: AskedFit) -> Task:
 
 def compared(found: Identified) -> list[Compared]:
     """Each film record beside the model that was fitted."""
-    from compensator.identification.temperature_smoother import temperature_path
     from rig.report.identification import Compared
+    from sim.inference.readings.temperature_path import temperature_path
 
     if found.film is None:
         return []

@@ -12,8 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
-from compensator.characterization.forc import Forc
-from compensator.characterization.transition import SENSES, Transition, slope_curve
 from compensator.hysteresis.functions import Array
 from rig.analysis.residual import residual, residual_label
 from rig.files.film_output import in_decades, unit_of
@@ -30,6 +28,8 @@ from rig.report.figures import (
     thinned,
 )
 from rig.report.page import figure
+from sim.inference.transition.forc import Forc
+from sim.inference.transition.transition import SENSES, Transition, slope_curve
 
 if TYPE_CHECKING:
     from rig.analysis.prediction_error import ChannelError

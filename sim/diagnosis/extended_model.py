@@ -17,10 +17,6 @@ from threadpoolctl import threadpool_limits
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
-from compensator.identification.memoryless_forms import Form
-from compensator.identification.mixed_envelopes import RESOLUTIONS, dictionary, half_loop_width
-from compensator.identification.model_selection import FEWER_WORTH, WORTH, rms
-from compensator.identification.operator_outputs import Integers
 from compensator.thermal.plate import PlateModel
 from sim.diagnosis.data.record import Record, held_out_rows
 from sim.diagnosis.fit.film_basis import ENVELOPES
@@ -30,7 +26,11 @@ from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.result import Diagnosis
 from sim.diagnosis.search.identified_film import identified_film
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
+from sim.inference.film.memoryless_forms import Form
+from sim.inference.film.mixed_envelopes import RESOLUTIONS, dictionary, half_loop_width
+from sim.inference.film.model_selection import FEWER_WORTH, WORTH, rms
 from sim.model.film_mixing import PhaseMixing
+from sim.model.operator_outputs import Integers
 
 FORMS = ("none", "linear", "arrhenius", "tanh", "polynomial", "sin", "cos")  # simplest first
 NEAR = 1.5  # times the best error: forms whose envelopes are fitted anew

@@ -19,10 +19,10 @@ from typing import Protocol
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.gaps import beyond_ends, there_and_back
-from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend
 from sim.effects.effect import HeatFlow
+from sim.inference.levenberg_marquardt import FLAT, Damping, Linearized, descend
 from sim.inference.noise import Noise, Readings, Whitening
+from sim.model.gaps import beyond_ends, there_and_back
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath, PlateRun
 from sim.model.record_own import FilmStart, RecordOwn, anew_rows, longest_gaps

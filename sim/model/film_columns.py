@@ -17,8 +17,8 @@ from scipy.interpolate import BSpline
 
 from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
-from compensator.identification.operator_outputs import envelope_values, operator_outputs, weighted_outputs
 from sim.model.film_nodes import FilmNodes
+from sim.model.operator_outputs import envelope_values, operator_outputs, weighted_outputs
 
 KNOTS = 7  # of a smooth D over the record's range, which bends less often
 SIMPLE = 3  # degree of what D has of simple form

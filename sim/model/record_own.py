@@ -14,7 +14,7 @@ import numpy as np
 
 from compensator.hysteresis.film import Initial
 from compensator.hysteresis.functions import Array
-from compensator.identification import gaps
+from sim.model import gaps
 from sim.model.film_side import Film
 from sim.model.recorded import Recorded, Rows
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compensator.identification.film import FilmRecord
-from compensator.identification.rows import prepare
 from rig.experiment.calibration import own_pauses, through_pauses
+from sim.inference.film.fit import FilmRecord
+from sim.inference.film.rows import prepare
 from tests.rig.small import write_bench
 
 # What is looked up in the cache of compiled loops after the first pulse would be compiled there, if it were empty.

@@ -10,16 +10,16 @@ import pytest
 from pydantic import ValidationError
 
 import rig
-from compensator.identification.film import identify_film
-from compensator.identification.temperature_smoother import temperature_path
 from compensator.thermal.plate import PlateModel
 from rig.core.faults import Faults
 from rig.files import configuration, epics_table, model_file, serve_table, simulation_table, sweep_table
 from rig.files.model_file import Model
 from rig.files.record import Record
 from rig.files.toml_file import Table
+from sim.inference.film.fit import identify_film
+from sim.inference.readings.temperature_path import temperature_path
 from sim.world.world import World
-from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii
+from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii
 
 Peltier = Callable[..., tuple[int, str, str]]
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import rig
-from compensator.identification.film import identify_film
-from compensator.identification.odd_readings import Column, odd_readings, of_output
 from compensator.thermal.plate import PlateModel
 from rig.files.record import Record
-from sim.inference.plate import identify_plate
-from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii, relay_film
+from sim.inference.film.fit import identify_film
+from sim.inference.plate.fit import identify_plate
+from sim.inference.readings.odd_readings import Column, odd_readings, of_output
+from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, relay_film
 
 ROW = 700
 

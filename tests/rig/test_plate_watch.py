@@ -14,7 +14,7 @@ from compensator.thermal.plate import RESISTANCE_SLOPE_PRIOR_PER_K, SEEBECK_SLOP
 from rig.core.outcome import Tripped
 from rig.safety.first_plate import OF_A_MODEL, OF_A_PULSE, OF_PULSES, Doubt, KnownPlate, first_plate
 from rig.safety.plate_watch import PlateWatch, told_apart, watchable_rate_K_per_s
-from sim.inference.plate import identify_plate
+from sim.inference.plate.fit import identify_plate
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
 CLEAN = ("8010", "8020", "8055", "500", "8051", "8052", "80510")

@@ -13,7 +13,6 @@ import numpy as np
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array
-from compensator.identification.operator_outputs import radius_floor
 from compensator.thermal.plate import PlateModel
 from rig.analysis.predicted import predicted
 from rig.files.effect_tables import middle
@@ -33,6 +32,7 @@ from sim.model.chain import ChainModel
 from sim.model.film_columns import SmoothCurve
 from sim.model.film_mixing import FilmMixing
 from sim.model.observer import Observer
+from sim.model.operator_outputs import radius_floor
 from sim.model.record_own import FilmStart, RecordOwn
 from sim.model.record_run import RecordRun
 from sim.model.recorded import COARSE, FINE, Spacing

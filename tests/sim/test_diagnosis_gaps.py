@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.gaps import gap_threshold
 from sim.diagnosis.data.quantization import lattice_step
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.data.segments import off_after_missing_rows
@@ -15,6 +14,7 @@ from sim.diagnosis.search.chain import temperature_search
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched
 from sim.model.film_nodes import film_nodes
+from sim.model.gaps import gap_threshold
 from sim.model.links import links_of
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart

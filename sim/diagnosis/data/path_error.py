@@ -1,6 +1,6 @@
 """What a path that was read off a noisy thermometer is wrong by, and what a film that follows it shows of that.
 
-Behind the readings the temperature's rate walks at random (`compensator.identification.temperature_smoother`). Given
+Behind the readings the temperature's rate walks at random (`sim.inference.readings.temperature_path`). Given
 all of them, what the path is off by, T, and its rate are again a Markov chain from row to row,
 
     x(k+1) = keep(k+1) x(k) + w(k+1),   <w w'> = added(k+1),   x = (T, dT/dt)

@@ -15,9 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.checked_columns import checked_columns
-from compensator.identification.held_readings import repeated_rows
-from compensator.identification.outliers import lone_outliers
 from sim.diagnosis.data.between_rows import acted_before
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.quantity import RESISTANCE, Quantity
@@ -25,6 +22,9 @@ from sim.diagnosis.data.quantization import lattice_step
 from sim.diagnosis.data.segments import first_rows, gaps, undriven, with_readings
 from sim.effects.effect import Effect
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, Told
+from sim.inference.readings.checked_columns import checked_columns
+from sim.inference.readings.outliers import lone_outliers
+from sim.inference.readings.repeated import repeated_rows
 from sim.model.inputs import NOTHING, Inputs, constant_inputs, logged_inputs
 from sim.model.links import delays_s, stamps_off_s
 from sim.model.meter_power import since_the_row_before

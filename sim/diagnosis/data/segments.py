@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.gaps import SHORT, gap_threshold, long_gaps
 from sim.diagnosis.data.likelihood import quick_noise
+from sim.model.gaps import SHORT, gap_threshold, long_gaps
 
 KNOWN = 0.7  # of the thermometer's noise: what a gap may change the plate's temperature by and still be passed
 HELD = 10.0  # median steps that a gap may last in which one command was held: it stands on both sides of it

@@ -19,7 +19,6 @@ from typing import Self
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.operator_outputs import radius_floor
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.fit.film_basis import ENVELOPES, SHAPE, FilmBasis
 from sim.diagnosis.fit.film_point import Point
@@ -40,6 +39,7 @@ from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.links import Effects, Links, behind, columns_followed, links_of
 from sim.model.meter_power import MeterCurrent, MeterPower
 from sim.model.ohmmeter import shown_in_rows
+from sim.model.operator_outputs import radius_floor
 from sim.model.plate_path import PlatePath
 from sim.model.recorded import Spacing
 

@@ -13,10 +13,10 @@ from functools import partial
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.gaps import beyond_ends, there_and_back
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters
 from sim.inference.nuisance import beginnings
+from sim.model.gaps import beyond_ends, there_and_back
 from sim.model.record_own import FilmStart, longest_gaps
 
 FAR = 1.0  # cost a row from which others have to be fitted to be seen

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from compensator.identification.rows import FilmRecord
 from sim.diagnosis.data.record import Record, told_of
 from sim.diagnosis.fit.path_estimate import corrected_path, measured_path
+from sim.inference.film.rows import FilmRecord
 from sim.inference.nuisance import fit_own
 from sim.model.chain import ChainModel
 from sim.model.film_nodes import FilmNodes, film_nodes

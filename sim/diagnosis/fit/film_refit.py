@@ -18,17 +18,17 @@ import numpy as np
 
 from compensator.hysteresis.film import Envelope, FilmModel
 from compensator.hysteresis.functions import Array
-from compensator.identification.memoryless_forms import Form
-from compensator.identification.mixed_envelopes import Dictionary
-from compensator.identification.nnls import solve_triangle
-from compensator.identification.operator_outputs import Integers, radius_floor
-from compensator.identification.triangle import triangle
 from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.inference.film.memoryless_forms import Form
+from sim.inference.film.mixed_envelopes import Dictionary
+from sim.inference.nnls import solve_triangle
+from sim.inference.triangle import triangle
 from sim.model.film_columns import classical_columns, operator_columns
 from sim.model.links import behind, columns_followed
 from sim.model.ohmmeter import Ohmmeter, shown_in_rows
+from sim.model.operator_outputs import Integers, radius_floor
 
 OPERATORS = 80  # places on the grid of radii; few of them get weight
 LEAST_WEIGHT = 1e-6  # of all weights

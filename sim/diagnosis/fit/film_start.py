@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.memoryless_forms import SMOOTH, Form
-from compensator.identification.multistart import search
-from compensator.identification.rows import Path
-from compensator.identification.variable_projection import equal_structure
 from sim.diagnosis.data.record import Mask
 from sim.diagnosis.fit.film_basis import ENVELOPES
+from sim.inference.film.memoryless_forms import SMOOTH, Form
+from sim.inference.film.multistart import search
+from sim.inference.film.rows import Path
+from sim.inference.film.variable_projection import equal_structure
 from sim.model.film_nodes import FilmNodes
 from sim.model.record_own import FilmStart
 

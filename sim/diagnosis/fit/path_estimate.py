@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.temperature_smoother import TemperaturePath, temperature_path
 from sim.diagnosis.data.path_error import PathError
 from sim.diagnosis.data.record import Record
+from sim.inference.readings.temperature_path import TemperaturePath, temperature_path
 from sim.model.plate_path import PlatePath
 
 WIDTHS_ROWS = (2.0, 5.0, 15.0, 50.0, 150.0, 500.0)  # standard deviation of the kernel

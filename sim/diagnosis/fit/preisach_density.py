@@ -56,7 +56,11 @@ MINOR_LOOPS = Extent(  # they tell of widths themselves; a fit costs the square 
 )
 ONE_LOOP = Extent(  # its branches may meet at its ends only. With 24 centres a flank hangs on where the grid stands;
     # with half as many columns as readings what is wide is left out, and flanks hang on rounding
-    grid=36, widest=0.5, only_what_switches=True, fewest=400, most=400
+    grid=36,
+    widest=0.5,
+    only_what_switches=True,
+    fewest=400,
+    most=400,
 )
 
 

@@ -22,12 +22,12 @@ from typing import Final
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.temperature_smoother import turning_points
 from sim.diagnosis.data.record import Mask
 from sim.diagnosis.data.wandering import Wandering
 from sim.diagnosis.fit.domain_noise import DomainNoise, relays_apart_K
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.inference.readings.temperature_path import turning_points
 
 TURN_K: Final = 0.5  # back, from which a film has turned round: more than a thermometer's noise, less than a loop
 PLACE: Final = 0.5  # how far places are apart: of the distance over which a deviation is forgotten, or of the relays'
@@ -54,9 +54,7 @@ def repeated(channel: ResistanceChannel, fit: ResistanceFit, domains: DomainNois
     return agreement(channel.film_degC(fit), d, walk, channel.fitted, apart_K)
 
 
-def agreement(
-    film_degC: Array, left: Array, walk: Wandering, told: Mask, apart_K: float
-) -> tuple[Repeated, Repeated]:
+def agreement(film_degC: Array, left: Array, walk: Wandering, told: Mask, apart_K: float) -> tuple[Repeated, Repeated]:
     """Of what came from row to row, which is what is left less what is left of the row before, at places so far apart,
     or as far as rows are; as it is, and over what is expected. film_degC, left: (rows,); told: rows that were read and
     fitted, (rows,)."""

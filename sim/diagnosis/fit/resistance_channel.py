@@ -17,14 +17,6 @@ from functools import partial
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.levenberg_marquardt import (
-    FLAT,
-    PROMISED,
-    Damping,
-    Linearized,
-    damped_step,
-    held_at_bounds,
-)
 from sim.diagnosis.data.noise_model import NoiseModel, Whitens
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
@@ -32,6 +24,14 @@ from sim.diagnosis.fit.film_equations import FilmEquations, straight_readings
 from sim.diagnosis.fit.film_point import LinearProblem, Point, Projected
 from sim.diagnosis.fit.preisach_density import Relays, RelaysOfRecord
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
+from sim.inference.levenberg_marquardt import (
+    FLAT,
+    PROMISED,
+    Damping,
+    Linearized,
+    damped_step,
+    held_at_bounds,
+)
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import Links, links_of, shown_output
 from sim.model.ohmmeter import Ohmmeter, before_ranges, shown_in_rows
@@ -166,9 +166,7 @@ class ResistanceChannel(FilmEquations):
         mixed[:, 1 : self.basis.free] = signals[:, 1 : self.basis.free]
         return mixed
 
-    def _seen(
-        self, relays: Relays, slope: Array | None, ohmmeter: Ohmmeter, links: Links, nodes: FilmNodes
-    ) -> Relays:
+    def _seen(self, relays: Relays, slope: Array | None, ohmmeter: Ohmmeter, links: Links, nodes: FilmNodes) -> Relays:
         """The relays as the ohmmeter shows them about a signal. slope: of the film's output with them, (points,)."""
         if not relays.count or (ohmmeter.slope is None and slope is None):
             return relays

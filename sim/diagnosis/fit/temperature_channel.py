@@ -15,14 +15,6 @@ from functools import cached_property, partial
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.levenberg_marquardt import (
-    FLAT,
-    PROMISED,
-    Damping,
-    Linearized,
-    descend,
-    held_at_bounds,
-)
 from sim.diagnosis.data.likelihood import Likelihood, likelihood, normal_residual
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
@@ -33,6 +25,14 @@ from sim.diagnosis.fit.plate_equations import PlateEquations
 from sim.diagnosis.fit.plate_parameters import CONDUCTANCE, PlateParameters
 from sim.diagnosis.fit.unknowns import along_values, fitted_sizes, logarithmic, unknowns_of
 from sim.effects.effect import Switched
+from sim.inference.levenberg_marquardt import (
+    FLAT,
+    PROMISED,
+    Damping,
+    Linearized,
+    descend,
+    held_at_bounds,
+)
 from sim.inference.noise import Noise, Readings, estimate
 from sim.model.links import links_of
 from sim.model.plate_path import PlatePath

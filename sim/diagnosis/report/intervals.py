@@ -1,7 +1,7 @@
 """Intervals of the effects' parameters: the curvature at the fit, every other unknown free.
 
 The residual of a fit that leaves nothing is white, so that the curvature is enough; where it is not, the covariance
-is widened by how far apart the sums over blocks of rows are (block sandwich, `compensator.identification.covariance`);
+is widened by how far apart the sums over blocks of rows are (block sandwich, `sim.inference.covariance`);
 beside a film that switches in steps, over blocks of the loop, too.
 """
 
@@ -12,7 +12,6 @@ from itertools import islice
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.covariance import NORMAL_95
 from sim.diagnosis.fit.film_basis import SHAPE
 from sim.diagnosis.fit.temperature_channel import FIRST_STEP_K
 from sim.diagnosis.fit.unknowns import fitted_parameters, unknown_of
@@ -21,6 +20,7 @@ from sim.diagnosis.search.temperature_search import cell_of, cells
 from sim.diagnosis.validate.adequacies import temperature_residual
 from sim.diagnosis.validate.deviations import deviations, film_deviations, not_told
 from sim.effects.effect import Switched, jumps
+from sim.inference.covariance import NORMAL_95
 
 HALF_CHI2_95 = 1.92  # the fall of the log-likelihood to either side: half of chi square's 3.84
 MUCH_WORSE = 8.0  # log-likelihood

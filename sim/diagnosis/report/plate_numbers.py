@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from compensator.hysteresis.functions import KELVIN
-from compensator.identification.covariance import NORMAL_95
 from compensator.thermal.plate import Kind
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.fit.unknowns import Unknown
 from sim.diagnosis.report.intervals import MEANINGLESS, first_deviations
 from sim.diagnosis.search.chain import Chain
-from sim.inference.plate_notes import constant_drive
+from sim.inference.covariance import NORMAL_95
+from sim.inference.plate.notes import constant_drive
 
 Interval = tuple[float, float] | None
 NAMES: Final = {  # of the fit's unknowns, as a model file has them

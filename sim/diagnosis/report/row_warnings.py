@@ -11,10 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from compensator.identification.gaps import gap_threshold
-from compensator.identification.odd_readings import Column, odd_readings, of_output, rows_told
 from sim.diagnosis.data.record import OUTLYING, REPEATED, Record
 from sim.diagnosis.report.caution import Caution
+from sim.inference.readings.odd_readings import Column, odd_readings, of_output, rows_told
+from sim.model.gaps import gap_threshold
 
 FEWEST_S: Final = 20.0  # of strong cooling: no sink warms up in less
 LARGE: Final = 0.8  # of the largest current

@@ -15,7 +15,7 @@ which is the one-sided limit of the profile likelihood (G. Cowan, K. Cranmer, E.
 (2011) 1554, section 3.7), never below the one of a record that speaks neither for nor against the effect: noise that
 happens to speak against an effect makes no instrument better than it is (power constraint, arXiv:1105.3166). Where the
 residual hangs together from row to row, or is larger than the noise, the deviation 1/k is widened as parameters'
-intervals are (`compensator.identification.covariance`).
+intervals are (`sim.inference.covariance`).
 
 What plate and film do instead is linear in delta. Where another film does most of what an effect does at the terminals
 (`sim.diagnosis.report.detectability`), it does more than that: there a limit is no smaller than the size that would
@@ -36,11 +36,11 @@ from typing import Any, Final
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.covariance import block_sandwich
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.starting_sizes import thresholds_inside
 from sim.diagnosis.search.views import FirstView, View
 from sim.effects.effect import Effect, Parameter, Switched, switched
+from sim.inference.covariance import block_sandwich
 
 NORMAL_95_ONE_SIDED: Final = 1.645  # standard deviations on one side hold 95 % of a normal distribution
 SMALLER: Final = 1000.0  # times smaller than the smallest size met: a hundred thousand rows show no less

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.multistart import quartiles_of_change
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.path_error import PathError
@@ -23,6 +22,7 @@ from sim.diagnosis.fit.film_start import starting_shape, thinned_path
 from sim.diagnosis.fit.one_loop import shifted_branches
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
+from sim.inference.film.multistart import quartiles_of_change
 from sim.model.film_nodes import film_nodes
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath

@@ -13,12 +13,12 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
-from compensator.identification.film import identify_film_records
-from compensator.identification.operator_outputs import Integers
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.fit.film_readings import can_be_taken_back, film_went_through, readings_of_the_film
 from sim.diagnosis.search.chain import Chain
+from sim.inference.film.fit import identify_film_records
 from sim.model.chain import NO_PLATE, ChainModel
+from sim.model.operator_outputs import Integers
 from sim.model.own_output import own_output
 
 

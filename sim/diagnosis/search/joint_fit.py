@@ -15,7 +15,6 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.levenberg_marquardt import Damping, Linearized, damped_step
 from sim.diagnosis.fit.film_point import Point
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
@@ -24,6 +23,7 @@ from sim.diagnosis.fit.unknowns import along_values, logarithmic, unknowns_of
 from sim.diagnosis.search.temperature_search import held_effect, starting_values
 from sim.diagnosis.search.views import NOTHING
 from sim.effects.effect import Effect, Switched, switched
+from sim.inference.levenberg_marquardt import Damping, Linearized, damped_step
 
 MOST_STRETCHES = 30  # each costs two simulations a step
 MOVED = 0.3  # of the noise, over all readings of the thermometer: the step of a difference quotient

@@ -17,7 +17,7 @@ from sim.diagnosis.search.budget import Budget
 from sim.diagnosis.search.views import NOTHING as NO_CHANGE
 from sim.diagnosis.search.views import FirstView
 from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
-from sim.inference.plate_starts import Stretch, rough_balances
+from sim.inference.plate.starts import Stretch, rough_balances
 from sim.model.recorded import driven_rows
 
 ROUGH_STEPS = 12  # of a plate's start, of which the best goes on

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.covariance import block_sandwich
 from sim.diagnosis.data.record import Mask, Rows
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.search.chain import Chain
+from sim.inference.covariance import block_sandwich
 
 
 def deviations(columns: Array, z: Array) -> Array:

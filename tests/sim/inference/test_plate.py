@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from compensator.thermal.plate import SEEBECK_SLOPE_PRIOR_PER_K, PlateModel
-from sim.inference.plate import PlateFit, PlateRecord, identify_plate, identify_plate_records
+from sim.inference.plate.fit import PlateFit, PlateRecord, identify_plate, identify_plate_records
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 24.0)
 TRUTH = np.array([1.6e-3, 0.06, 0.018, 24.0])

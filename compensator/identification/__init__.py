@@ -1,1 +1,0 @@
-"""Parameters of film and plate from records, with their standard errors."""

@@ -1,0 +1,1 @@
+"""The fit of a film to records of temperature and output."""

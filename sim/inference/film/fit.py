@@ -1,0 +1,341 @@
+"""Identification of a film: the extended generalized Prandtl-Ishlinskii model from temperature and output.
+
+    u(t) = D(v(t)) + sum_j p_j F_rj^gamma[v](t),   p_j >= 0            paper eq (9)
+
+The way: check the records and find the path behind the noisy temperature (`rows`, `temperature_smoother`); search
+globally on thinned rows for each form of D and the memory that each record began with (`multistart`), or had after a
+gap (`gap_memory`); choose the form, and whether operators with mixed envelopes are worth it (`mixed_envelopes`), by
+rows that were held out (`model_selection`); refine the winner on all rows; say how sure it is (`prediction_bands`) and
+what the records cannot fix (`identifiability`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
+
+from compensator.hysteresis.film import Envelope, FilmModel, Initial
+from compensator.hysteresis.functions import Array
+from sim.inference.film.gap_memory import through_gaps
+from sim.inference.film.memoryless_forms import FORMS, Form
+from sim.inference.film.mixed_envelopes import MixedSolution, solve_mixed
+from sim.inference.film.model_selection import (
+    MIXED_WORTH,
+    Candidate,
+    Rows,
+    choose_form,
+    choose_mixed,
+    make_problem,
+    predict,
+    refine_plain,
+    rms,
+    share_out,
+    without_strays,
+)
+from sim.inference.film.multistart import choose_starts, refine_starts, search, start_candidates
+from sim.inference.film.notes import film_notes
+from sim.inference.film.prediction_bands import Linearized, uncertainty
+from sim.inference.film.result import FilmFit, Prediction, memory_at_start
+from sim.inference.film.rows import FilmRecord, Prepared, Start, build_path, prepare
+from sim.inference.film.variable_projection import PlainFit, Problem, Solution, Structure, equal_structure
+from sim.inference.readings.checked_columns import check_noise
+from sim.inference.readings.odd_readings import Column, of_output, of_records
+from sim.inference.readings.output_sense import FALLING, output_sense
+
+MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless `kind` asks for them
+FALLING_WITH_D: Final = -0.8  # of `output_sense`, where D may fall: only if nearly nothing of the output rises
+AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
+GAP_SEARCHES: Final = 3  # what a film went through in a gap is seen better with the envelopes that go with it
+Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
+__all__ = ["Candidate", "FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
+
+
+def identify_film(
+    time_s: ArrayLike,
+    temperature_degC: ArrayLike,
+    output: ArrayLike,
+    *,
+    output_time_s: ArrayLike | None = None,
+    kind: Kind | None = None,
+    form: str | None = None,
+    operators: int = 30,
+    initial: Initial | Literal["fitted"] = "fitted",
+    monotone: bool | None = None,
+    ordered: bool = True,
+    temperature_noise_K: float | None = None,
+    output_name: str = "minus_log10_ohm",
+    seed: int = 0,
+) -> FilmFit:
+    """The film model of one record. Arrays of shape (samples,): s, degC, and the output, nan where there is none.
+
+    output_time_s: when each output was read, where that differs from its row's time. kind: None chooses between
+    "extended_generalized_pi" and "mixed_envelopes" by held-out rows; "generalized_pi" has no D. form: of D, None
+    chooses among none, linear, arrhenius, tanh, polynomial. operators: the largest number of radii. initial: the
+    memory before the first row. monotone: D increases with v; None: unless the form is sin or cos. ordered: every
+    radius keeps the order condition below paper eq (6); without it the output jumps where a record reverses inside
+    the transition. temperature_noise_K: None estimates it, 0 takes the temperature as it is.
+    Raises ValueError with one line for a record that cannot be used, such as one whose output falls.
+    """
+    return identify_film_records(
+        [FilmRecord(time_s, temperature_degC, output, output_time_s=output_time_s)],
+        kind=kind,
+        form=form,
+        operators=operators,
+        initial=initial,
+        monotone=monotone,
+        ordered=ordered,
+        temperature_noise_K=temperature_noise_K,
+        output_name=output_name,
+        seed=seed,
+    )
+
+
+def identify_film_records(
+    records: Sequence[FilmRecord],
+    *,
+    kind: Kind | None = None,
+    form: str | None = None,
+    operators: int = 30,
+    initial: Initial | Literal["fitted"] = "fitted",
+    monotone: bool | None = None,
+    ordered: bool = True,
+    temperature_noise_K: float | None = None,
+    output_name: str = "minus_log10_ohm",
+    seed: int = 0,
+) -> FilmFit:
+    """One film model for several records, each with its own memory; arguments as for `identify_film`."""
+    if not records:
+        raise ValueError("records: none given, expected at least one")
+    if kind not in (None, "extended_generalized_pi", "generalized_pi", "mixed_envelopes"):
+        raise ValueError(f"kind: {kind!r}: expected extended_generalized_pi, generalized_pi or mixed_envelopes")
+    if form is not None and form not in FORMS:
+        raise ValueError(f"form: {form!r} is none of {', '.join(FORMS)}")
+    if operators < 1:
+        raise ValueError(f"operators: {operators}: expected at least 1")
+    if initial not in ("cooled", "heated", "fitted"):
+        raise ValueError(f"initial: {initial!r}: expected 'cooled', 'heated' or 'fitted'")
+    check_noise(temperature_noise_K)
+    prepared = [prepare(record, noise_K=temperature_noise_K) for record in records]
+    low = min(float(np.min(record.inputs)) for record in prepared)
+    high = max(float(np.max(record.inputs)) for record in prepared)
+    names = ("none",) if kind == "generalized_pi" else (form,) if form else AUTOMATIC
+    increasing = monotone if monotone is not None else form not in ("sin", "cos")
+    odd = _odd(records, output_name)
+    try:
+        _check_outputs(prepared, increasing)
+    except ValueError as error:
+        raise ValueError("; ".join((str(error), *odd))) from None
+    forms = [Form(name, increasing, low, high) for name in names]
+    structure = equal_structure(operators, 1, ordered)
+    with threadpool_limits(limits=1):  # see `triangle`
+        fit = _identified(share_out(prepared), structure, forms, kind, initial, output_name, seed)
+    return replace(fit, identifiability=(*odd, *fit.identifiability))
+
+
+def _identified(
+    rows: Rows,
+    structure: Structure,
+    forms: Sequence[Form],
+    kind: Kind | None,
+    initial: Initial | Literal["fitted"],
+    output_name: str,
+    seed: int,
+) -> FilmFit:
+    """The same, from rows that are ready for a fit and the forms of D to choose from."""
+    plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
+    starts = [Start(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
+    found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed)
+    if initial == "fitted":
+        starts, found = _fit_memories(rows, starts, structure, forms, found, seed)
+    if any(record.unseen.size for record in rows.records):
+        starts, found = _fit_gaps(rows, starts, structure, forms, found, seed)
+    chosen, solution, candidates = choose_form(rows, starts, forms, found, structure, plain_kind)
+    problem = make_problem(build_path(rows.records, starts, rows.thin), structure, chosen)
+    cleaned = without_strays(rows, starts, problem, solution)
+    if cleaned is not rows:
+        rows = cleaned
+        path = build_path(rows.records, starts, rows.thin)
+        problems = {form.name: make_problem(path, structure, form) for form in forms}
+        found = {name: each.refine(each.solve(found[name].theta)) for name, each in problems.items()}
+        chosen, solution, candidates = choose_form(rows, starts, forms, found, structure, plain_kind)
+    if kind in (None, "mixed_envelopes"):
+        error = next(c.held_out_rmse for c in candidates if c.form == chosen.name)
+        to_beat = MIXED_WORTH * error if kind is None else math.inf
+        most = MIXED_OPERATORS * structure.group.size if kind is None else None
+        mixed, tried = choose_mixed(rows, starts, chosen, solution.theta[4:], to_beat, most)
+        candidates += tried
+        if mixed is not None:
+            return _finish_mixed(rows, starts, mixed, candidates, output_name)
+    return _finish_plain(rows, starts, structure, chosen, solution, candidates, plain_kind, output_name)
+
+
+def _odd(records: Sequence[FilmRecord], output_name: str) -> tuple[str, ...]:
+    """Lines on readings that cannot be what was measured."""
+    told = []
+    for record in records:
+        given = (record.time_s, record.temperature_degC, record.output)
+        time, degC, output = (np.asarray(values, dtype=np.float64) for values in given)
+        columns = Column("temperature_degC", time, degC, "degC"), of_output(time, output, output_name)
+        told.append((record.name, columns))
+    return of_records(told)
+
+
+def _check_outputs(records: Sequence[Prepared], increasing: bool) -> None:
+    """Raise ValueError for an output that is constant or falls; increasing: whether D may only rise."""
+    y = np.concatenate([record.output[record.used] for record in records])
+    if np.ptp(y) <= 1e-9 * (1.0 + float(np.max(np.abs(y)))):
+        raise ValueError(f"output: constant at {y[0]:g}, expected one that changes with temperature")
+    sense = output_sense([(record.inputs[record.used], record.output[record.used]) for record in records])
+    if sense < (FALLING if increasing else FALLING_WITH_D):
+        raise ValueError("output: falls as temperature rises, expected one that rises, such as -log10(R / 1 ohm)")
+
+
+def _likely_end(record: Prepared) -> Initial:
+    """The end of the sweep that the record begins nearer to."""
+    middle = 0.5 * (float(np.min(record.inputs)) + float(np.max(record.inputs)))
+    return "cooled" if record.inputs[0] >= middle else "heated"
+
+
+def _at_best(
+    rows: Rows, starts: Sequence[Start], structure: Structure, forms: Sequence[Form], found: dict[str, Solution]
+) -> tuple[Problem, Array]:
+    """The problem with the form of D that fits best, and what the search found for it."""
+    best = min(forms, key=lambda form: found[form.name].square)
+    return make_problem(build_path(rows.records, starts, rows.thin), structure, best), found[best.name].theta
+
+
+def _fit_memories(
+    rows: Rows,
+    starts: list[Start],
+    structure: Structure,
+    forms: Sequence[Form],
+    found: dict[str, Solution],
+    seed: int,
+) -> tuple[list[Start], dict[str, Solution]]:
+    """The memories with which the records began, and the search repeated with them where they are others."""
+    problem, theta = _at_best(rows, starts, structure, forms, found)
+    options = [start_candidates(record) for record in rows.records]
+    chosen = choose_starts(rows.records, rows.thin, starts, options, problem, theta)
+    if chosen == starts:
+        return starts, found
+    for _ in range(2):
+        extra = [found[form.name].theta[: problem.split] for form in forms]
+        found = search(build_path(rows.records, chosen, rows.thin), structure, forms, seed=seed, extra=extra)
+        problem, theta = _at_best(rows, chosen, structure, forms, found)
+        refined = refine_starts(rows.records, rows.train, chosen, problem, theta)
+        if refined == chosen:
+            break
+        chosen = refined
+    path = build_path(rows.records, chosen, rows.thin)
+    for form in forms:
+        problem = make_problem(path, structure, form)
+        found[form.name] = problem.refine(problem.solve(found[form.name].theta))
+    return chosen, found
+
+
+def _fit_gaps(
+    rows: Rows,
+    starts: list[Start],
+    structure: Structure,
+    forms: Sequence[Form],
+    found: dict[str, Solution],
+    seed: int,
+) -> tuple[list[Start], dict[str, Solution]]:
+    """What the film went through where rows are missing, and the search repeated with it where that is something."""
+    for _ in range(GAP_SEARCHES):
+        problem, theta = _at_best(rows, starts, structure, forms, found)
+        other = through_gaps(rows.records, rows.thin, starts, problem, theta)
+        if other == starts:
+            break
+        starts = other
+        extra = [found[form.name].theta[: problem.split] for form in forms]
+        found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed, extra=extra)
+    return starts, found
+
+
+def _finish_mixed(
+    rows: Rows, starts: Sequence[Start], mixed: MixedSolution, candidates: list[Candidate], output_name: str
+) -> FilmFit:
+    held = build_path(rows.records, starts, rows.held)
+    train = solve_mixed(build_path(rows.records, starts, rows.train), mixed.operators, mixed.form, mixed.shape)
+    error = rms(held.output - train.at(held))
+    final = solve_mixed(build_path(rows.records, starts), mixed.operators, mixed.form, mixed.shape)
+    model = final.model(output_name, starts[0].initial)
+    return _fit(rows, starts, model, final, final.residual, error, candidates)
+
+
+def _finish_plain(
+    rows: Rows,
+    starts: Sequence[Start],
+    structure: Structure,
+    form: Form,
+    solution: Solution,
+    candidates: list[Candidate],
+    kind: str,
+    output_name: str,
+) -> FilmFit:
+    held = build_path(rows.records, starts, rows.held)
+    train = refine_plain(build_path(rows.records, starts, rows.train), structure, form, solution.theta)
+    error = rms(held.output - predict(*train, held))
+    problem, final = refine_plain(build_path(rows.records, starts), structure, form, train[1].theta)
+    if not np.any(final.weights > 0.0) and not np.any(final.coefficients):
+        raise ValueError(
+            "output: nothing in it rises with temperature, so that no model explains it better than a constant; "
+            "expected one that rises, such as -log10(R / 1 ohm)"
+        )
+    model = plain_model(problem, final, kind, output_name, starts[0].initial)
+    return _fit(rows, starts, model, PlainFit(problem, final), final.residual, error, candidates)
+
+
+def plain_model(problem: Problem, solution: Solution, kind: str, output_name: str, initial: Initial) -> FilmModel:
+    """The solution as a model with one pair of envelopes; operators without weight are left out."""
+    theta = solution.theta
+    radii, _ = problem.structure.radii(problem.shapes(theta))
+    a_r, a_l = math.exp(theta[0]), math.exp(theta[2])
+    active = solution.weights > 0.0
+    if not np.any(active):
+        active[0] = True
+    return FilmModel(
+        radii[active],
+        solution.weights[active],
+        Envelope("tanh", a_r, -a_r * float(theta[1])),
+        Envelope("tanh", a_l, -a_l * float(theta[3])),
+        problem.form.memoryless(solution.coefficients, theta[4:], solution.offset),
+        kind,
+        output_name,
+        initial,
+    )
+
+
+def _fit(
+    rows: Rows,
+    starts: Sequence[Start],
+    model: FilmModel,
+    fitted: Linearized,
+    residual: Array,
+    held_out_rmse: float,
+    candidates: list[Candidate],
+) -> FilmFit:
+    path = build_path(rows.records, starts)
+    sure = uncertainty(fitted, path, residual)
+    firsts = [float(record.inputs[0]) for record in rows.records]
+    return FilmFit(
+        model,
+        tuple(starts),
+        tuple(memory_at_start(model, start, first) for start, first in zip(starts, firsts, strict=True)),
+        rms(residual),
+        float(np.max(np.abs(residual))),
+        held_out_rmse,
+        tuple(candidates),
+        int(np.sum(model.weights > 0.0)),
+        sure,
+        tuple(record.path.noise_K for record in rows.records),
+        tuple(record.outliers for record in rows.records),
+        film_notes(rows.records, starts, path, fitted.play_outputs(path), model, fitted.parameters, rms(residual)),
+    )

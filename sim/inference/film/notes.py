@@ -1,0 +1,167 @@
+"""What a film's records cannot fix, in plain words, and which profile would fix it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
+from compensator.hysteresis.reversal_jumps import reversal_jumps
+from sim.inference.film.gap_memory import gap_notes
+from sim.inference.film.multistart import transition
+from sim.inference.film.rows import Path, Prepared, Start
+
+# at different temperatures inside the transition: at fewer, minor loops between them are extrapolated
+ENOUGH_REVERSALS: Final = 5
+BEYOND: Final = 0.1  # of the transition's width: by so much a record that crosses it goes on at either end
+TRANSITION_PER_HALF_WIDTH: Final = 1.25  # from the central 80 % of the change to nearly all of it
+
+
+def reversals_inside(records: Sequence[Prepared], low_degC: float, high_degC: float) -> Array:
+    """Distinct temperatures (degC, sorted) between low and high at which the records turn back."""
+    found = [record.inputs[record.path.turning[1:-1]] for record in records]
+    turning = np.sort(np.concatenate(found))
+    turning = turning[(turning > low_degC) & (turning < high_degC)]
+    apart = 0.04 * (high_degC - low_degC)
+    kept: list[float] = []
+    for value in turning:
+        if not kept or value - kept[-1] > apart:
+            kept.append(float(value))
+    return np.array(kept)
+
+
+def determined_combinations(operators: Array, weights: Array, noise: float) -> int:
+    """How many combinations of the weights change the output by more than twice the noise when they change by the
+    weights' own size. operators: play outputs, shape (readings, operators)."""
+    stride = max(1, operators.shape[0] // 2000)
+    part = operators[::stride]
+    centred = part - part.mean(axis=0)
+    square = np.linalg.eigvalsh(centred.T @ centred)
+    singular = np.sqrt(np.maximum(square, 0.0) * stride)
+    size = float(np.sum(weights)) / weights.size
+    return int(np.sum(singular * size > 2.0 * noise))
+
+
+def memoryless_rms(path: Path) -> float:
+    """What is left of the output when only the temperature, not the history, may explain it: local means in bins,
+    with the trend inside a bin taken out."""
+    v, y = path.inputs[path.rows], path.output
+    order = np.argsort(v, kind="stable")
+    square, count = 0.0, 0
+    for part in np.array_split(order, max(2, min(60, v.size // 6))):
+        if part.size > 3:
+            fit = (
+                np.polynomial.polynomial.polyfit(v[part] - v[part].mean(), y[part], 1) if np.ptp(v[part]) > 0 else None
+            )
+            rest = y[part] - (
+                np.polynomial.polynomial.polyval(v[part] - v[part].mean(), fit) if fit is not None else y[part].mean()
+            )
+            square += float(rest @ rest)
+            count += part.size - 2
+    return float(np.sqrt(square / max(count, 1)))
+
+
+def film_notes(
+    records: Sequence[Prepared],
+    starts: Sequence[Start],
+    path: Path,
+    operators: Array,
+    model: FilmModel,
+    parameters: int,
+    rmse: float,
+) -> tuple[str, ...]:
+    """Sentences, one for each thing that the records leave open; empty if they fix the model.
+
+    starts: what the film remembers of each record's beginning and gaps; operators: play outputs at the readings, shape
+    (readings, operators); parameters: number that were fitted.
+    """
+    notes = []
+    weights = model.weights
+    count, jump = reversal_jumps(model)
+    if count:
+        notes.append(
+            f"{count} of {weights.size} operators violate the order condition: the output jumps by up to {jump:.3g} "
+            "where the temperature reverses inside the transition, and the inverse skips that interval."
+        )
+    v = path.inputs[path.rows]
+    low, high = float(np.min(v)), float(np.max(v))
+    middle, half = transition(path)
+    inside = middle - TRANSITION_PER_HALF_WIDTH * half, middle + TRANSITION_PER_HALF_WIDTH * half
+    one_way = []
+    for sense, word in ((1, "rising"), (-1, "falling")):
+        moving = np.sign(path.side[path.rows]) == sense
+        crossed = np.ptp(np.clip(v[moving], *inside)) if np.any(moving) else 0.0
+        if crossed < 0.5 * (inside[1] - inside[0]):
+            one_way.append(
+                f"No {word} sweep through the transition: the {word} envelope is hardly fixed. "
+                f"Sweep through {inside[0]:.1f} to {inside[1]:.1f} degC in both directions."
+            )
+    notes += one_way
+    if not one_way and memoryless_rms(path) < 1.3 * rmse:
+        beyond = BEYOND * (inside[1] - inside[0])
+        crossed_it = low < inside[0] - beyond and high > inside[1] + beyond
+        notes.append(_no_hysteresis(low, high, middle if crossed_it else None))
+    else:
+        known = determined_combinations(operators, weights, rmse)
+        notes += _minor_loops(reversals_inside(records, *inside), inside, bool(one_way), known, weights.size)
+    if v.size < 5 * parameters:
+        notes.append(
+            f"{v.size} readings for {parameters} fitted numbers: too few to trust the details. "
+            f"Record at least {5 * parameters} readings, most of them inside the transition."
+        )
+    for record, start in zip(records, starts, strict=True):
+        notes += gap_notes(record, start) + _repeats(record)
+    return tuple(notes)
+
+
+def _repeats(record: Prepared) -> list[str]:
+    """A line on readings that stand in several rows, if any do."""
+    if not record.repeated.size:
+        return []
+    fresh = int(np.sum(np.isfinite(record.output))) - record.repeated.size
+    if record.origin is not None:
+        fresh = int(np.sum(record.used)) + record.outliers.size
+    times = 1.0 + record.repeated.size / max(fresh, 1)
+    return [
+        f"{record.name}: each reading of the output stands in {times:.1f} rows on average: its meter is slower than "
+        f"the rows. Repeated values count as one reading, in the row in which they come first: {fresh} are left. Ask "
+        "the meter less often, or let it average over less."
+    ]
+
+
+def _no_hysteresis(low: float, high: float, middle: float | None) -> str:
+    """Between the ends of a record, degC; middle: of the transition, None where it is not seen as a whole."""
+    seen = f"No hysteresis larger than the noise is seen between {low:.1f} and {high:.1f} degC"
+    if middle is not None:
+        return (
+            f"{seen}, though the output changes about {middle:.1f} degC and little at either end: the film has none, "
+            "or less than this noise shows. Temperature alone tells the output; envelopes and weights are not fixed."
+        )
+    return (
+        f"{seen}: the film has none, or the record does not cross the transition, and neither envelopes nor weights "
+        "are fixed. Sweep from well below to well above it and back."
+    )
+
+
+def _minor_loops(turned: Array, inside: tuple[float, float], one_way: bool, known: int, weights: int) -> list[str]:
+    """What reversals inside the transition leave open. turned: their temperatures, degC; inside: the transition's ends,
+    degC; known: how many combinations of the weights the readings fix."""
+    several = f"reversals at ten or more temperatures between {inside[0]:.1f} and {inside[1]:.1f} degC"
+    if turned.size == 0:
+        return [
+            f"{'One way only' if one_way else 'A major loop only'}: no reversal lies inside the transition "
+            f"({inside[0]:.1f} to {inside[1]:.1f} degC), so the {weights} weights "
+            "are tied together by the loop's shape alone and minor loops are not fixed. "
+            f"Record first-order reversal curves or a decaying oscillation with {several}."
+        ]
+    if turned.size >= ENOUGH_REVERSALS:
+        return []
+    where = ", ".join(f"{value:.1f}" for value in turned)
+    fixed = f"about {known} combinations of {weights} weights are fixed, " if known < weights else ""
+    return [
+        f"Reversals at {turned.size} temperature{'s' * (turned.size > 1)} only inside the transition "
+        f"({where} degC): {fixed}minor loops elsewhere are extrapolated. Record {several}."
+    ]

@@ -1,0 +1,1 @@
+"""The fit of a plate to records of temperature and current."""

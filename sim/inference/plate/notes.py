@@ -1,0 +1,126 @@
+"""What records leave open of a plate that was fitted to them, in plain words, and which record would fix it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import Kind
+from sim.inference.covariance import NORMAL_95
+
+if TYPE_CHECKING:
+    from sim.inference.plate.fit import PlateFit
+
+FAR_OFF: Final = 10.0  # times the noise: beyond it the discrepancy is larger than what any interval tells
+LEAST_NOISE_K: Final = 1e-3  # a noise below is that of a record without any, or of a coarse last digit
+TURNED: Final = 0.2  # of the error: a fit that is so much better with the current turned, or cut at 0, is the right one
+HEATER: Final = 0.97  # of a Peltier plate's error: a heater's, with a parameter less, is no smaller by chance
+MORE_THAN_NOISE: Final = 1.2  # times the noise: its estimate is good to some hundredths
+SAME: Final = 0.02  # of the largest: currents that differ by less are one level
+LONG: Final = 1.5  # thermal time constants that a stretch has to last to tell loss and ambient apart
+
+
+def far_off(fit: PlateFit) -> bool:
+    """Return True if the simulation is off by more than ten times the thermometer's noise."""
+    return fit.rmse_K > FAR_OFF * max(fit.noise.white, LEAST_NOISE_K)
+
+
+def plate_notes(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], PlateFit]) -> list[str]:
+    """Return what the records leave open, the gravest first.
+
+    current_A: of all rows, (rows,). refit: the fit with another current, as another kind of plate.
+    """
+    notes = _wrong_current(fit, current_A, refit)
+    if far_off(fit):
+        times = fit.rmse_K / max(fit.noise.white, LEAST_NOISE_K)
+        note = (
+            f"The model is off by {fit.rmse_K:.2g} K (RMS), {times:.0f} times the thermometer's noise: something is "
+            "missing, such as a heat sink that warms up or a thermometer that lags, or a column is not what it is "
+            "taken for. The numbers are off by more than their intervals say."
+        )
+        if fit.model.kind == "peltier":
+            less_K = refit(-current_A, "peltier").rmse_K
+            if less_K < TURNED * fit.rmse_K:
+                note += f" With the current's sign reversed it is off by {less_K:.2g} K only: the sign may be turned."
+        notes.append(note)
+    return notes + _left_open(fit, current_A)
+
+
+def _wrong_current(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], PlateFit]) -> list[str]:
+    """A line where a heater, or a plate that is never cooled, explains what a Peltier plate does not."""
+    if fit.model.kind != "peltier" or fit.rmse_K <= MORE_THAN_NOISE * max(fit.noise.white, LEAST_NOISE_K):
+        return []
+    if not np.any(current_A < 0.0):
+        heater_K = refit(current_A, "heater").rmse_K
+        if heater_K > HEATER * fit.rmse_K:
+            return []
+        return [
+            f"The current never cools, and a heater's balance leaves {heater_K:.2g} K (RMS), a Peltier plate's "
+            f"{fit.rmse_K:.2g} K: if this is a heater, say so with --plate heater."
+        ]
+    heated = np.maximum(current_A, 0.0)
+    if not np.any(heated > 0.0):
+        return []
+    kinds: tuple[Kind, Kind] = ("peltier", "heater")
+    less_K, kind = min((refit(heated, kind).rmse_K, kind) for kind in kinds)
+    if less_K > TURNED * fit.rmse_K:
+        return []
+    advice = "take it as 0 and say --plate heater." if kind == "heater" else "take it as 0."
+    return [
+        f"With every current below 0 taken as 0 the model is off by {less_K:.2g} K (RMS) instead of {fit.rmse_K:.2g} "
+        f"K: the current does not cool. Is the cooling side connected? If it cannot cool, {advice}"
+    ]
+
+
+def constant_drive(current_A: Array, kind: Kind) -> str:
+    """Return what one level of the current, (rows,), cannot tell; empty where it has several levels."""
+    largest = float(np.max(np.abs(current_A), initial=0.0))
+    if largest > 0.0 and np.unique(np.round(current_A / (SAME * largest))).size > 1:
+        return ""
+    if kind == "peltier":
+        return (
+            "The current is constant: Seebeck term, Joule heat and loss cannot be separated. "
+            "Record a profile with at least three levels of current, of both signs."
+        )
+    return (
+        "The drive is constant: heating rate and loss to the ambient cannot be separated. "
+        "Record steps of the drive, zero among them."
+    )
+
+
+def _left_open(fit: PlateFit, current_A: Array) -> list[str]:
+    """What the parameters' intervals and the current's course say."""
+    notes, kind = [], fit.model.kind
+    largest = float(np.max(np.abs(current_A)))
+    g = fit.model.conductance_over_capacity_per_s
+    if constant := constant_drive(current_A[:-1], kind):
+        notes.append(constant)
+    elif kind == "peltier" and (np.all(current_A >= -SAME * largest) or np.all(current_A <= SAME * largest)):
+        notes.append(
+            "The current has one sign only: Seebeck term and Joule heat are nearly the same. "
+            "Record heating and cooling with currents of both signs and several sizes."
+        )
+    if g * fit.longest_s < LONG:
+        notes.append(
+            f"No stretch is longer than 1.5 thermal time constants (the longest is {fit.longest_s:.0f} s): loss and "
+            "ambient are poorly separated. Let the plate rest at zero current for several time constants."
+        )
+    for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
+        if name.endswith("slope_per_K"):  # known beforehand, whatever the record tells
+            continue
+        if not math.isfinite(error) or error > (100.0 if name == "ambient_degC" else 3.0 * abs(value)):
+            notes.append(
+                f"{name} is not determined by this record: {value:.3g}, as the model has it, is one of many values "
+                "that explain it as well."
+            )
+        elif name == "ambient_degC" and error > 3.0:
+            known = f"+- {NORMAL_95 * error:.1f} K (95 %)"
+            notes.append(f"ambient_degC is known to {known} only; a rest at zero current would fix it.")
+        elif name != "ambient_degC" and error > 0.3 * abs(value):
+            share = 100.0 * NORMAL_95 * error / max(abs(value), 1e-300)
+            notes.append(f"{name} is known to +- {share:.0f} % (95 %) only.")
+    return notes
