@@ -37,7 +37,7 @@ import numpy as np  # noqa: E402 - numpy reads these where it is imported
 from rig.analysis.diagnosed import diagnosed  # noqa: E402
 from rig.files.record import Record  # noqa: E402
 from rig.files.record_file import ColumnMapping, read_record  # noqa: E402
-from sim.inference.film.model_selection import rms  # noqa: E402
+from sim.inference.film.selection import rms  # noqa: E402
 
 if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis

@@ -32,7 +32,7 @@ from sim.diagnosis.of_full_drive import of_full_drive
 from sim.diagnosis.report.caution import Caution
 from sim.diagnosis.result import Diagnosis, HeldOutRecord
 from sim.diagnosis.search.chain import FALSE_ALARM
-from sim.inference.film.model_selection import rms
+from sim.inference.film.selection import rms
 from sim.model.inputs import NAMES as INPUTS
 
 

@@ -22,13 +22,13 @@ from sim.diagnosis.data.record import Record, held_out_rows
 from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.film_refit import FilmRefit, Refit
 from sim.diagnosis.fit.film_start import thinned_path
+from sim.diagnosis.fit.mixed_envelopes import RESOLUTIONS, dictionary, half_loop_width
 from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.result import Diagnosis
 from sim.diagnosis.search.identified_film import identified_film
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
 from sim.inference.film.memoryless_forms import Form
-from sim.inference.film.mixed_envelopes import RESOLUTIONS, dictionary, half_loop_width
-from sim.inference.film.model_selection import FEWER_WORTH, WORTH, rms
+from sim.inference.film.selection import rms
 from sim.model.film_mixing import PhaseMixing
 from sim.model.operator_outputs import Integers
 
@@ -36,6 +36,8 @@ FORMS = ("none", "linear", "arrhenius", "tanh", "polynomial", "sin", "cos")  # s
 NEAR = 1.5  # times the best error: forms whose envelopes are fitted anew
 NOT_OF_THE_CLASS = 1.15  # times the diagnosis' own error from which mixed envelopes are tried
 MIXED_WORTH = 0.95
+FEWER_WORTH = 0.93  # of the error of fewer operators, that more have to come below
+WORTH = 0.98  # of the error of a simpler form of D
 SEARCH_ROWS, MOST_ROWS = 1500, 6000  # to search with, and to fit with: thinned evenly from longer records
 SCALES = (0.1, 1.0, 0.1, 1.0)  # log a and K: what an envelope moves by in a step
 CURVE_SCALES = (0.3, 3.0)  # the same of D's first parameter, which is a logarithm, and of the others, which are K

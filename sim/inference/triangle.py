@@ -42,10 +42,14 @@ def _reduce(jitter: float, out: Array) -> None:
 
 
 def triangle(columns: Array) -> Array:
-    """R, shape (k, k), upper triangular with R'R = columns' columns, up to a jitter of `JITTER` on the diagonal.
+    """Return R, shape (k, k), upper triangular with R'R = columns' columns, up to a jitter of `JITTER` on the diagonal.
 
     columns: shape (rows, k).
     """
-    out = np.ascontiguousarray(columns.T @ columns)
-    _reduce(JITTER * float(np.trace(out)) / max(out.shape[0], 1) + 1e-300, out)
-    return out
+    return reduced(np.ascontiguousarray(columns.T @ columns))
+
+
+def reduced(products: Array) -> Array:
+    """Return the same of the columns' products, shape (k, k), in their place."""
+    _reduce(JITTER * float(np.trace(products)) / max(products.shape[0], 1) + 1e-300, products)
+    return products

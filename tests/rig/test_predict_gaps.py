@@ -7,8 +7,8 @@ import pytest
 import rig
 from rig.files.model_file import Model
 from rig.files.record import Record
-from tests.sim.inference.test_identify_gaps import NOISE, with_an_excursion
 from tests.sim.inference.identification_films import is_prandtl_ishlinskii
+from tests.sim.inference.test_identify_gaps import NOISE, with_an_excursion
 
 
 @pytest.mark.parametrize(("to_degC", "less"), [(86.0, 0.3), (None, 1.02)])

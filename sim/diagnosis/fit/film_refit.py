@@ -19,10 +19,10 @@ import numpy as np
 from compensator.hysteresis.film import Envelope, FilmModel
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.fit.film_basis import ENVELOPES
+from sim.diagnosis.fit.mixed_envelopes import Dictionary
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.inference.film.memoryless_forms import Form
-from sim.inference.film.mixed_envelopes import Dictionary
 from sim.inference.nnls import solve_triangle
 from sim.inference.triangle import triangle
 from sim.model.film_columns import classical_columns, operator_columns

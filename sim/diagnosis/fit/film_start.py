@@ -50,5 +50,5 @@ def starting_shape(path: Path, curve: bool) -> tuple[Array, float]:
     """(log a_R, c_R, log a_L, c_L) of the best film found, and its mean square."""
     low, high = float(np.min(path.inputs)), float(np.max(path.inputs))
     form = Form(SMOOTH if curve else "none", False, low, high)
-    found = search(path, equal_structure(OPERATORS), [form], starts=STARTS)[form.name]
+    found = search(path, equal_structure(OPERATORS), [form], starts=STARTS)[form]
     return found.theta[:ENVELOPES].copy(), found.square

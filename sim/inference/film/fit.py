@@ -24,33 +24,30 @@ from compensator.hysteresis.film import Envelope, FilmModel, Initial
 from compensator.hysteresis.functions import Array
 from sim.inference.film.gap_memory import through_gaps
 from sim.inference.film.memoryless_forms import FORMS, Form
-from sim.inference.film.mixed_envelopes import MixedSolution, solve_mixed
-from sim.inference.film.model_selection import (
-    MIXED_WORTH,
+from sim.inference.film.multistart import choose_starts, refine_starts, search, start_candidates
+from sim.inference.film.notes import film_notes
+from sim.inference.film.prediction_bands import Linearized, uncertainty
+from sim.inference.film.relay_plane import PlaneFit
+from sim.inference.film.result import FilmFit, Prediction, memory_at_start
+from sim.inference.film.rows import FilmRecord, Prepared, Start, build_path, prepare
+from sim.inference.film.selection import (
     Candidate,
     Rows,
-    choose_form,
-    choose_mixed,
+    choose,
     make_problem,
-    predict,
-    refine_plain,
     rms,
     share_out,
     without_strays,
 )
-from sim.inference.film.multistart import choose_starts, refine_starts, search, start_candidates
-from sim.inference.film.notes import film_notes
-from sim.inference.film.prediction_bands import Linearized, uncertainty
-from sim.inference.film.result import FilmFit, Prediction, memory_at_start
-from sim.inference.film.rows import FilmRecord, Prepared, Start, build_path, prepare
 from sim.inference.film.variable_projection import PlainFit, Problem, Solution, Structure, equal_structure
 from sim.inference.readings.checked_columns import check_noise
 from sim.inference.readings.odd_readings import Column, of_output, of_records
-from sim.inference.readings.output_sense import FALLING, output_sense
+from sim.inference.readings.output_sense import CLEAR, output_falls, output_sense
 
-MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless `kind` asks for them
-FALLING_WITH_D: Final = -0.8  # of `output_sense`, where D may fall: only if nearly nothing of the output rises
+RISES: Final = 0.9  # of the output's changes: where fewer go with the temperature, D may fall
+FREE: Final = ("linear", "tanh", "polynomial")  # forms of D that may fall
 AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
+STRAYS: Final = 3  # searches for stray readings: a large one hides a smaller one, and the form of D
 GAP_SEARCHES: Final = 3  # what a film went through in a gap is seen better with the envelopes that go with it
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
 __all__ = ["Candidate", "FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
@@ -125,13 +122,15 @@ def identify_film_records(
     low = min(float(np.min(record.inputs)) for record in prepared)
     high = max(float(np.max(record.inputs)) for record in prepared)
     names = ("none",) if kind == "generalized_pi" else (form,) if form else AUTOMATIC
-    increasing = monotone if monotone is not None else form not in ("sin", "cos")
     odd = _odd(records, output_name)
     try:
-        _check_outputs(prepared, increasing)
+        share = _share_that_rises(prepared, free=monotone is False or form in ("sin", "cos"))
     except ValueError as error:
         raise ValueError("; ".join((str(error), *odd))) from None
+    increasing = monotone if monotone is not None else form not in ("sin", "cos")
     forms = [Form(name, increasing, low, high) for name in names]
+    if increasing and monotone is None and share < RISES:
+        forms += [Form(name, False, low, high) for name in names if name in FREE]
     structure = equal_structure(operators, 1, ordered)
     with threadpool_limits(limits=1):  # see `triangle`
         fit = _identified(share_out(prepared), structure, forms, kind, initial, output_name, seed)
@@ -148,31 +147,32 @@ def _identified(
     seed: int,
 ) -> FilmFit:
     """The same, from rows that are ready for a fit and the forms of D to choose from."""
-    plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
     starts = [Start(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
     found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed)
     if initial == "fitted":
         starts, found = _fit_memories(rows, starts, structure, forms, found, seed)
     if any(record.unseen.size for record in rows.records):
         starts, found = _fit_gaps(rows, starts, structure, forms, found, seed)
-    chosen, solution, candidates = choose_form(rows, starts, forms, found, structure, plain_kind)
-    problem = make_problem(build_path(rows.records, starts, rows.thin), structure, chosen)
-    cleaned = without_strays(rows, starts, problem, solution)
-    if cleaned is not rows:
+    theta = {form: found[form].theta for form in forms}
+    fit, error, candidates = choose(rows, starts, structure, forms, theta, kind)
+    for _ in range(STRAYS):
+        cleaned = without_strays(rows, starts, fit)
+        if cleaned is rows:
+            break
         rows = cleaned
-        path = build_path(rows.records, starts, rows.thin)
-        problems = {form.name: make_problem(path, structure, form) for form in forms}
-        found = {name: each.refine(each.solve(found[name].theta)) for name, each in problems.items()}
-        chosen, solution, candidates = choose_form(rows, starts, forms, found, structure, plain_kind)
-    if kind in (None, "mixed_envelopes"):
-        error = next(c.held_out_rmse for c in candidates if c.form == chosen.name)
-        to_beat = MIXED_WORTH * error if kind is None else math.inf
-        most = MIXED_OPERATORS * structure.group.size if kind is None else None
-        mixed, tried = choose_mixed(rows, starts, chosen, solution.theta[4:], to_beat, most)
-        candidates += tried
-        if mixed is not None:
-            return _finish_mixed(rows, starts, mixed, candidates, output_name)
-    return _finish_plain(rows, starts, structure, chosen, solution, candidates, plain_kind, output_name)
+        fit, error, candidates = choose(rows, starts, structure, forms, theta, kind)
+    path, first = build_path(rows.records, starts), starts[0].initial
+    if isinstance(fit, PlaneFit):
+        model = fit.model(output_name, first)
+    else:
+        if not np.any(fit.solution.weights > 0.0) and not np.any(fit.solution.coefficients):
+            raise ValueError(
+                "output: nothing in it rises with temperature, so that no model explains it better than a constant; "
+                "expected one that rises, such as -log10(R / 1 ohm)"
+            )
+        plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
+        model = plain_model(fit, plain_kind, output_name, first)
+    return _fit(rows, starts, model, fit, path.output - fit.at(path), error, candidates)
 
 
 def _odd(records: Sequence[FilmRecord], output_name: str) -> tuple[str, ...]:
@@ -186,14 +186,19 @@ def _odd(records: Sequence[FilmRecord], output_name: str) -> tuple[str, ...]:
     return of_records(told)
 
 
-def _check_outputs(records: Sequence[Prepared], increasing: bool) -> None:
-    """Raise ValueError for an output that is constant or falls; increasing: whether D may only rise."""
+def _share_that_rises(records: Sequence[Prepared], free: bool) -> float:
+    """Return the share of the output's changes that go with the temperature. free: whether D was asked to go any way.
+
+    Raises ValueError for an output that is constant, or falls.
+    """
     y = np.concatenate([record.output[record.used] for record in records])
     if np.ptp(y) <= 1e-9 * (1.0 + float(np.max(np.abs(y)))):
         raise ValueError(f"output: constant at {y[0]:g}, expected one that changes with temperature")
-    sense = output_sense([(record.inputs[record.used], record.output[record.used]) for record in records])
-    if sense < (FALLING if increasing else FALLING_WITH_D):
+    pairs = [(record.inputs[record.used], record.output[record.used]) for record in records]
+    share = output_sense(pairs)
+    if share < -CLEAR if free else output_falls(pairs):
         raise ValueError("output: falls as temperature rises, expected one that rises, such as -log10(R / 1 ohm)")
+    return share
 
 
 def _likely_end(record: Prepared) -> Initial:
@@ -203,11 +208,11 @@ def _likely_end(record: Prepared) -> Initial:
 
 
 def _at_best(
-    rows: Rows, starts: Sequence[Start], structure: Structure, forms: Sequence[Form], found: dict[str, Solution]
+    rows: Rows, starts: Sequence[Start], structure: Structure, forms: Sequence[Form], found: dict[Form, Solution]
 ) -> tuple[Problem, Array]:
     """The problem with the form of D that fits best, and what the search found for it."""
-    best = min(forms, key=lambda form: found[form.name].square)
-    return make_problem(build_path(rows.records, starts, rows.thin), structure, best), found[best.name].theta
+    best = min(forms, key=lambda form: found[form].square)
+    return make_problem(build_path(rows.records, starts, rows.thin), structure, best), found[best].theta
 
 
 def _fit_memories(
@@ -215,9 +220,9 @@ def _fit_memories(
     starts: list[Start],
     structure: Structure,
     forms: Sequence[Form],
-    found: dict[str, Solution],
+    found: dict[Form, Solution],
     seed: int,
-) -> tuple[list[Start], dict[str, Solution]]:
+) -> tuple[list[Start], dict[Form, Solution]]:
     """The memories with which the records began, and the search repeated with them where they are others."""
     problem, theta = _at_best(rows, starts, structure, forms, found)
     options = [start_candidates(record) for record in rows.records]
@@ -225,7 +230,7 @@ def _fit_memories(
     if chosen == starts:
         return starts, found
     for _ in range(2):
-        extra = [found[form.name].theta[: problem.split] for form in forms]
+        extra = [found[form].theta[: problem.split] for form in forms]
         found = search(build_path(rows.records, chosen, rows.thin), structure, forms, seed=seed, extra=extra)
         problem, theta = _at_best(rows, chosen, structure, forms, found)
         refined = refine_starts(rows.records, rows.train, chosen, problem, theta)
@@ -235,7 +240,7 @@ def _fit_memories(
     path = build_path(rows.records, chosen, rows.thin)
     for form in forms:
         problem = make_problem(path, structure, form)
-        found[form.name] = problem.refine(problem.solve(found[form.name].theta))
+        found[form] = problem.refine(problem.solve(found[form].theta))
     return chosen, found
 
 
@@ -244,9 +249,9 @@ def _fit_gaps(
     starts: list[Start],
     structure: Structure,
     forms: Sequence[Form],
-    found: dict[str, Solution],
+    found: dict[Form, Solution],
     seed: int,
-) -> tuple[list[Start], dict[str, Solution]]:
+) -> tuple[list[Start], dict[Form, Solution]]:
     """What the film went through where rows are missing, and the search repeated with it where that is something."""
     for _ in range(GAP_SEARCHES):
         problem, theta = _at_best(rows, starts, structure, forms, found)
@@ -254,48 +259,14 @@ def _fit_gaps(
         if other == starts:
             break
         starts = other
-        extra = [found[form.name].theta[: problem.split] for form in forms]
+        extra = [found[form].theta[: problem.split] for form in forms]
         found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed, extra=extra)
     return starts, found
 
 
-def _finish_mixed(
-    rows: Rows, starts: Sequence[Start], mixed: MixedSolution, candidates: list[Candidate], output_name: str
-) -> FilmFit:
-    held = build_path(rows.records, starts, rows.held)
-    train = solve_mixed(build_path(rows.records, starts, rows.train), mixed.operators, mixed.form, mixed.shape)
-    error = rms(held.output - train.at(held))
-    final = solve_mixed(build_path(rows.records, starts), mixed.operators, mixed.form, mixed.shape)
-    model = final.model(output_name, starts[0].initial)
-    return _fit(rows, starts, model, final, final.residual, error, candidates)
-
-
-def _finish_plain(
-    rows: Rows,
-    starts: Sequence[Start],
-    structure: Structure,
-    form: Form,
-    solution: Solution,
-    candidates: list[Candidate],
-    kind: str,
-    output_name: str,
-) -> FilmFit:
-    held = build_path(rows.records, starts, rows.held)
-    train = refine_plain(build_path(rows.records, starts, rows.train), structure, form, solution.theta)
-    error = rms(held.output - predict(*train, held))
-    problem, final = refine_plain(build_path(rows.records, starts), structure, form, train[1].theta)
-    if not np.any(final.weights > 0.0) and not np.any(final.coefficients):
-        raise ValueError(
-            "output: nothing in it rises with temperature, so that no model explains it better than a constant; "
-            "expected one that rises, such as -log10(R / 1 ohm)"
-        )
-    model = plain_model(problem, final, kind, output_name, starts[0].initial)
-    return _fit(rows, starts, model, PlainFit(problem, final), final.residual, error, candidates)
-
-
-def plain_model(problem: Problem, solution: Solution, kind: str, output_name: str, initial: Initial) -> FilmModel:
-    """The solution as a model with one pair of envelopes; operators without weight are left out."""
-    theta = solution.theta
+def plain_model(fit: PlainFit, kind: str, output_name: str, initial: Initial) -> FilmModel:
+    """The fit as a model with one pair of envelopes; operators without weight are left out."""
+    problem, solution, theta = fit.problem, fit.solution, fit.solution.theta
     radii, _ = problem.structure.radii(problem.shapes(theta))
     a_r, a_l = math.exp(theta[0]), math.exp(theta[2])
     active = solution.weights > 0.0

@@ -101,6 +101,16 @@ def slope_density(path: Path, edges: Array, half_width_K: float = 0.0) -> Array:
     return np.asarray(changed / np.maximum(moved, 1e-9) + 1e-12, dtype=np.float64)
 
 
+def branch_density(path: Path, edges: Array, sense: float) -> Array:
+    """Mean d output / dv in each temperature bin, while the temperature goes in a sense (1: it rises), >= 0."""
+    middle, dv, dy = _coarse_steps(path, 0.5 * float(edges[1] - edges[0]))
+    own, size = np.sign(dv) == sense, edges.size - 1
+    place = np.clip(np.searchsorted(edges, middle[own], side="right") - 1, 0, size - 1)
+    moved = np.bincount(place, weights=np.abs(dv[own]), minlength=size)
+    changed = np.bincount(place, weights=np.maximum(sense * dy[own], 0.0), minlength=size)
+    return np.asarray(changed / np.maximum(moved, 1e-9) + 1e-12, dtype=np.float64)
+
+
 def even_points(count: int, dimensions: int, seed: int) -> Array:
     """Points that fill the unit cube evenly, shape (count, dimensions): multiples of the powers of 1/x, x the root
     of x^(d+1) = x + 1, from a random origin (H. Niederreiter, Random Number Generation and Quasi-Monte Carlo Methods
@@ -140,22 +150,22 @@ def search(
     starts: int = STARTS,
     seed: int = 0,
     extra: Sequence[Array] = (),
-) -> dict[str, Solution]:
+) -> dict[Form, Solution]:
     """The best fit for each form of D; `extra`: envelope parameters (4 groups,) known to be good."""
     low, high = envelope_bounds(path, structure.groups)
-    problems = {form.name: Problem(path, structure, form, low, high) for form in forms}
+    problems = {form: Problem(path, structure, form, low, high) for form in forms}
     largest = max(problems.values(), key=lambda problem: problem.low.size)
     points = starting_points(largest, starts, seed)
     split = largest.split
-    found: dict[str, list[Solution]] = {name: [] for name in problems}
+    found: dict[Form, list[Solution]] = {form: [] for form in problems}
     shapes = [*extra, *points[:, :split]]
     for number, shape in enumerate(shapes):
         row = points[number % points.shape[0]]
         operators, _ = largest.operators(np.append(shape, row[split:]))
-        for name, problem in problems.items():
+        for form, problem in problems.items():
             theta = np.append(shape, _within(problem, row[split:]))
-            found[name].append(problem.solve_columns(theta, operators))
-    return {name: _refined(problems[name], solutions) for name, solutions in found.items()}
+            found[form].append(problem.solve_columns(theta, operators))
+    return {form: _refined(problems[form], solutions) for form, solutions in found.items()}
 
 
 def _within(problem: Problem, drawn: Array) -> Array:

@@ -70,7 +70,7 @@ def film_notes(
     path: Path,
     operators: Array,
     model: FilmModel,
-    parameters: int,
+    parameters: float,
     rmse: float,
 ) -> tuple[str, ...]:
     """Sentences, one for each thing that the records leave open; empty if they fix the model.

@@ -33,8 +33,8 @@ class Linearized(Protocol):
         ...
 
     @property
-    def parameters(self) -> int:
-        """How many numbers were fitted, the outer ones included."""
+    def parameters(self) -> float:
+        """How many numbers the readings determine, the outer ones included."""
         ...
 
     def play_outputs(self, path: Path) -> Array:

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.hysteresis.film import FilmModel, Memory
 from compensator.hysteresis.functions import Array
 from sim.inference.covariance import NORMAL_95
-from sim.inference.film.model_selection import Candidate
 from sim.inference.film.prediction_bands import Uncertainty
 from sim.inference.film.rows import Prepared, Start, build_path
+from sim.inference.film.selection import Candidate
 from sim.inference.readings.checked_columns import check_noise, checked_columns
 from sim.inference.readings.temperature_path import temperature_path
 

@@ -222,6 +222,27 @@ class PlainFit:
     solution: Solution
 
     @property
+    def form(self) -> Form:
+        """Of D."""
+        return self.problem.form
+
+    @property
+    def operators(self) -> int:
+        """How many operators have weight."""
+        return int(np.sum(self.solution.weights > 0.0))
+
+    @property
+    def shape(self) -> Array:
+        """D's nonlinear parameters."""
+        return self.solution.theta[self.problem.split :]
+
+    def at(self, path: Path) -> Array:
+        """Return the fit at another path's readings, shape (readings,)."""
+        other, own = self._along(path), self.solution
+        memoryless = self.form.columns(other.v, self.shape) @ own.coefficients
+        return np.asarray(own.offset + memoryless + self.play_outputs(path) @ own.weights, dtype=np.float64)
+
+    @property
     def outer_names(self) -> tuple[str, ...]:
         each = ("log_rising_slope", "rising_centre_degC", "log_falling_slope", "falling_centre_degC")
         groups = self.problem.structure.groups
@@ -234,7 +255,7 @@ class PlainFit:
         return self.solution.theta
 
     @property
-    def parameters(self) -> int:
+    def parameters(self) -> float:
         used = np.sum(self.solution.weights > 0.0) + np.sum(self.solution.coefficients != 0.0)
         return int(used) + 1 + self.solution.theta.size
 

@@ -57,11 +57,12 @@ def relay_film(
     spread_K: float = 3.2,
     half_width_K: float = 2.8,
     width_spread: float = 0.4,
+    centre: float = 61.0,
 ) -> Array:
-    """-log10 R of a film of relays, first all switched up: means N(61, spread_K) degC, half-widths lognormal with
+    """-log10 R of a film of relays, first all switched up: means N(centre, spread_K) degC, half-widths lognormal with
     median half_width_K and sigma width_spread, 1.5 decades in all, and 0.35 tanh(0.03 (T - 55)); shape (samples,)."""
     rng = np.random.default_rng(seed)
-    mean = rng.normal(61.0, spread_K, relays)
+    mean = rng.normal(centre, spread_K, relays)
     half_width = half_width_K * np.exp(width_spread * rng.normal(size=relays))
     up, down = mean + half_width, mean - half_width
     state = np.ones(relays)

@@ -119,6 +119,20 @@ def test_a_relay_film_needs_mixed_envelopes_and_d() -> None:
     assert errors["generalized_pi"] > 2.0 * errors["extended_generalized_pi"]
 
 
+@pytest.mark.parametrize("background", [-0.06, -0.01, 0.03])
+def test_a_magnetization_over_a_straight_background_is_fitted_to_its_noise(background: float) -> None:
+    """On a diamagnetic substrate more falls than rises with the field; the loop shows in which sense it lags."""
+    noise, field = 0.8, through([1000.0, -1000.0, 1000.0, -300.0, 500.0, -100.0, 350.0, -1000.0, 1000.0], 2000)
+
+    def moment(over: np.ndarray) -> np.ndarray:
+        loop = relay_film(over, spread_K=80.0, half_width_K=200.0, relays=1000, centre=0.0)
+        return 60.0 * loop + background * over
+
+    measured = moment(field) + noise * np.random.default_rng(1).normal(size=field.size)
+    fit = identify_film(np.arange(field.size), field, measured, output_name="moment", temperature_noise_K=0.0)
+    assert fit.rmse < 1.1 * noise
+
+
 @pytest.mark.long
 def test_the_search_is_global_and_repeatable() -> None:
     time, temperature, y, _ = record(0)

@@ -8,10 +8,10 @@ import scipy.optimize
 
 from sim.inference.covariance import block_sandwich
 from sim.inference.film.memoryless_forms import FORMS, Form
-from sim.inference.film.mixed_envelopes import dictionary, half_loop_width, solve_mixed
-from sim.inference.film.model_selection import make_problem, rms
+from sim.inference.film.relay_plane import RelayPlane, fit_plane, fit_plane_judged
 from sim.inference.film.rows import FilmRecord, Start, build_path, prepare
-from sim.inference.film.variable_projection import denser, equal_structure, merged
+from sim.inference.film.selection import make_problem
+from sim.inference.film.variable_projection import PlainFit, denser, equal_structure, merged
 from sim.inference.levenberg_marquardt import Damping, Linearized, damped_step, descend
 from sim.inference.nnls import solve_triangle
 from sim.inference.triangle import triangle
@@ -58,7 +58,7 @@ def test_operator_outputs_are_those_of_the_model() -> None:
     from sim.inference.film.fit import plain_model
 
     solution = problem.solve(theta)
-    model = plain_model(problem, solution, "extended_generalized_pi", "y", "heated")
+    model = plain_model(PlainFit(problem, solution), "extended_generalized_pi", "y", "heated")
     simulated, _ = model.simulate(record.inputs, model.initial_memory(float(record.inputs[0]), "heated"))
     assert np.max(np.abs(simulated + solution.residual - record.output)) < 1e-12
 
@@ -187,22 +187,21 @@ def test_a_steep_wide_loop_has_its_operators_where_its_relays_switch() -> None:
         y = relay_film(v, spread_K=0.8, half_width_K=6.0, width_spread=0.1)
         paths.append(build_path([prepare(FilmRecord(np.arange(v.size, dtype=float), v, y))], [Start()]))
     fitted, other = paths
-    assert half_loop_width(fitted) == pytest.approx(6.0, abs=0.3)
-    operators = dictionary(fitted, 16, 0.8, 0.8, True, half_loop_width(fitted))
-    solution = solve_mixed(fitted, operators, Form("linear", True, 30.0, 90.0), np.empty(0))
-    assert rms(other.output - solution.at(other)) < 0.01
+    form = Form("linear", True, 30.0, 90.0)
+    fit, error = fit_plane_judged(fitted, other, RelayPlane.over(fitted, 18), form, np.empty(0))
+    assert error < 0.01
+    heavy = fit.weights > 0.02 * np.max(fit.weights)
+    assert np.median(fit.relays.half_width[heavy]) == pytest.approx(6.0, abs=1.0)
 
 
-def test_a_dictionary_model_reproduces_its_fit() -> None:
+def test_the_model_of_a_preisach_density_reproduces_its_fit() -> None:
     v = decaying_profile(1200)
     record = prepare(FilmRecord(np.arange(1200.0), v, relay_film(v)))
     path = build_path([record], [Start()])
-    operators = dictionary(path, 12, 1.0, 0.8, False, half_loop_width(path))
-    assert half_loop_width(path) == pytest.approx(2.8, abs=0.6)
-    solution = solve_mixed(path, operators, Form("linear", True, 30.0, 90.0), np.empty(0))
-    model = solution.model("minus_log10_ohm", "cooled")
+    fit = fit_plane(path, RelayPlane.over(path, 12), Form("linear", True, 30.0, 90.0), np.empty(0), 30.0)
+    model = fit.model("minus_log10_ohm", "cooled")
     simulated, _ = model.simulate(record.inputs, model.initial_memory(float(v[0]), "cooled"))
-    assert np.max(np.abs(simulated + solution.residual - record.output)) < 1e-10
+    assert np.max(np.abs(simulated - fit.at(path))) < 1e-10
     assert np.min(model.order_margin()) > -1e-12
 
 

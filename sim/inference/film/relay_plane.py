@@ -1,0 +1,211 @@
+"""Preisach density: a film of relays, each switching up and down at temperatures of its own.
+
+    u(T) = D(T) + sum over (a, b) of p_ab tanh(s_ab (F_h[T] - c)),   p_ab >= 0,   c = (a + b) / 2,   h = (a - b) / 2
+
+F_h is the classical play operator of radius h (K), so that each term is a smooth relay: it switches up around a and
+down around b (I. D. Mayergoyz, Mathematical Models of Hysteresis (Elsevier 2003), ch. 1). It equals a generalized play
+operator of radius 0 with gamma_R = tanh(s (T - a)) and gamma_L = tanh(s (T - b)); gamma_R <= gamma_L everywhere, so
+that the order condition below paper eq (6) holds.
+
+The thresholds a lie where the output changes while heating, b where it changes while cooling, closer where it is
+steep. The weights have a normal prior, whose width is the one that predicts held-out rows best: relays that a record
+does not determine stay small, and the problem has one minimum.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from compensator.hysteresis.film import Envelope, FilmModel
+from compensator.hysteresis.functions import Array
+from sim.inference.film.memoryless_forms import Form
+from sim.inference.film.multistart import branch_density
+from sim.inference.film.rows import Path
+from sim.inference.nnls import solve_triangle
+from sim.inference.triangle import reduced
+from sim.model.operator_outputs import Integers, operator_outputs
+
+THRESHOLDS: Final = (12, 18, 24, 36)  # of either sense: half finer each, up to what half a second can compute
+BY_OUTPUT: Final = 0.8  # share of the thresholds placed by the output's change; the others evenly over the range
+STEEPNESS: Final = 0.8  # of a relay's step, times the distance of thresholds: the sum of neighbours is then smooth
+STEPS: Final = 8  # relays of no width over the range, which bend D where its form does not
+BINS: Final = 200  # of the range, in which a branch's change is summed up
+WIDTHS: Final = np.geomspace(1.0, 1000.0, 7)  # of the prior, over the noise: up to a whole film in one relay
+NEGLIGIBLE: Final = 1e-6  # of all weights: below it a relay counts as absent
+
+
+@dataclass(frozen=True, eq=False)
+class RelayPlane:
+    """Relays: centre (degC), slope (1/K) and half-width (K) of each, shape (relays,)."""
+
+    centre: Array
+    slope: Array
+    half_width: Array
+
+    @classmethod
+    def over(cls, path: Path, thresholds: int) -> RelayPlane:
+        """Return the relays between so many thresholds of either sense, placed for the records at hand."""
+        up, down = (_thresholds(path, thresholds, sense) for sense in (1.0, -1.0))
+        apart = np.sqrt(np.outer(np.gradient(up), np.gradient(down)))
+        a, b = np.meshgrid(up, down, indexing="ij")
+        kept = a > b
+        v = path.inputs[path.rows]
+        steps = np.linspace(float(np.min(v)), float(np.max(v)), STEPS + 2)[1:-1]  # of no width: what D lacks
+        centre = np.concatenate((0.5 * (a + b)[kept], steps))
+        slope = np.concatenate((STEEPNESS / apart[kept], STEEPNESS / np.gradient(steps)))
+        return cls(centre, slope, np.concatenate((0.5 * (a - b)[kept], np.zeros(STEPS))))
+
+    def outputs(self, path: Path) -> Array:
+        """Return each relay's output at the readings, shape (readings, relays)."""
+        widths, place = np.unique(self.half_width, return_inverse=True)
+        plays = np.empty((path.rows.size, widths.size))
+        group = np.zeros(widths.size, dtype=np.int64)
+        gamma = np.ascontiguousarray(path.inputs[:, None])
+        operator_outputs(gamma, path.side, widths, group, np.inf, path.rows, plays)
+        return np.asarray(np.tanh(self.slope * (plays[:, place] - self.centre)), dtype=np.float64)
+
+    def only(self, kept: Integers) -> RelayPlane:
+        """Return some of the relays."""
+        return RelayPlane(self.centre[kept], self.slope[kept], self.half_width[kept])
+
+
+def _thresholds(path: Path, count: int, sense: float) -> Array:
+    """Temperatures between which the output changes by about as much in each, while it goes in a sense; (count,)."""
+    v = path.inputs[path.rows]
+    edges = np.linspace(float(np.min(v)), float(np.max(v)), BINS + 1)
+    density = branch_density(path, edges, sense)
+    cumulative = np.concatenate(([0.0], np.cumsum(density) / np.sum(density)))
+    place = BY_OUTPUT * cumulative + (1.0 - BY_OUTPUT) * np.linspace(0.0, 1.0, edges.size)
+    return np.interp((np.arange(count) + 0.5) / count, place, edges)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneFit:
+    """The fitted relays, those without weight left out. plane: all of them; width: of the prior, as in `fit_plane`;
+    parameters: the effective number of them, as far as the readings and not the prior determine them.
+
+    Thresholds, slopes and D's shape were chosen, not fitted: a band from `jacobian` holds them fixed.
+    """
+
+    relays: RelayPlane
+    weights: Array
+    form: Form
+    shape: Array  # D's nonlinear parameters
+    coefficients: Array
+    offset: float
+    parameters: float
+    plane: RelayPlane
+    width: float
+
+    @property
+    def operators(self) -> int:
+        """How many relays have weight."""
+        return self.weights.size
+
+    @property
+    def outer_names(self) -> tuple[str, ...]:
+        """There are no nonlinear parameters."""
+        return ()
+
+    @property
+    def outer_values(self) -> Array:
+        """There are none."""
+        return np.empty(0)
+
+    def at(self, path: Path) -> Array:
+        """Return the fit at another path's readings, shape (readings,)."""
+        memoryless = self.form.columns(path.inputs[path.rows], self.shape) @ self.coefficients
+        return np.asarray(self.offset + memoryless + self.relays.outputs(path) @ self.weights, dtype=np.float64)
+
+    def play_outputs(self, path: Path) -> Array:
+        """Return each relay's output at the readings, shape (readings, relays)."""
+        return self.relays.outputs(path)
+
+    def jacobian(self, path: Path) -> Array:
+        """Return the derivatives by the offset, D's coefficients and the weights, shape (readings, parameters)."""
+        v = path.inputs[path.rows]
+        memoryless = self.form.columns(v, self.shape)[:, self.coefficients != 0.0]
+        return np.concatenate((np.ones((v.size, 1)), memoryless, self.relays.outputs(path)), axis=1)
+
+    def model(self, output: str, initial: str) -> FilmModel:
+        """Return the film as a model with an envelope pair for each relay."""
+        rows = zip(self.relays.centre, self.relays.slope, self.relays.half_width, strict=True)
+        pairs = [(float(s), float(s * (c + h)), float(s * (c - h))) for c, s, h in rows]
+        return FilmModel(
+            np.zeros(len(pairs)),
+            self.weights,
+            tuple(Envelope("tanh", s, -up) for s, up, _ in pairs),
+            tuple(Envelope("tanh", s, -down) for s, _, down in pairs),
+            self.form.memoryless(self.coefficients, self.shape, self.offset),
+            "mixed_envelopes",
+            output,
+            "heated" if initial == "heated" else "cooled",
+        )
+
+
+def fit_plane(path: Path, plane: RelayPlane, form: Form, shape: Array, width: float) -> PlaneFit:
+    """Return the likeliest weights of the relays, with D of a given form and shape. width: of their prior, over the
+    noise's standard deviation."""
+    return _Columns(path, plane, form, shape).fit(width)
+
+
+def fit_plane_judged(path: Path, judges: Path, plane: RelayPlane, form: Form, shape: Array) -> tuple[PlaneFit, float]:
+    """Return the same with the width that predicts other rows best, and its RMS error there."""
+    columns = _Columns(path, plane, form, shape)
+    others = _columns(judges, plane, form, shape)
+    tried: dict[int, tuple[float, PlaneFit]] = {}
+
+    def error(place: int) -> float:
+        if place not in tried:
+            fit, x, offset = columns.solved(float(WIDTHS[place]))
+            left = judges.output - offset - others[:, :-1] @ x
+            tried[place] = math.sqrt(float(np.mean(left**2))), fit
+        return tried[place][0]
+
+    place = WIDTHS.size // 2
+    for step in (-1, 1):  # downhill from the middle
+        while 0 <= place + step < WIDTHS.size and error(place + step) < error(place):
+            place += step
+    return tried[place][1], tried[place][0]
+
+
+def _columns(path: Path, plane: RelayPlane, form: Form, shape: Array) -> Array:
+    """Columns of D, of the relays, and the output, (readings, columns)."""
+    memoryless = form.columns(path.inputs[path.rows], shape)
+    return np.concatenate((memoryless, plane.outputs(path), path.output[:, None]), axis=1)
+
+
+class _Columns:
+    """The linear problem min |y - offset - D c - M p|^2 + |p|^2 / width^2 over p >= 0, for any width."""
+
+    def __init__(self, path: Path, plane: RelayPlane, form: Form, shape: Array) -> None:
+        self.plane, self.form, self.shape = plane, form, shape
+        columns = _columns(path, plane, form, shape)
+        self.mean = columns.mean(axis=0)
+        columns -= self.mean
+        self.products = columns.T @ columns
+        self.free = columns.shape[1] - 1 - plane.centre.size
+
+    def fit(self, width: float) -> PlaneFit:
+        """The fit with a width."""
+        return self.solved(width)[0]
+
+    def solved(self, width: float) -> tuple[PlaneFit, Array, float]:
+        """The fit, the coefficients of all columns but the output, and the offset."""
+        free = self.free
+        prior = np.zeros(self.mean.size)
+        prior[free:-1] = width**-2.0
+        x, _ = solve_triangle(reduced(self.products + np.diag(prior)), 0 if self.form.monotone else free)
+        weights = x[free:]
+        weights[weights <= NEGLIGIBLE * float(np.sum(weights))] = 0.0
+        kept = np.flatnonzero(weights)
+        known = np.linalg.eigvalsh(self.products[np.ix_(free + kept, free + kept)]) * width**2
+        known = np.maximum(known, 0.0)
+        parameters = 1.0 + float(np.sum(x[:free] != 0.0)) + float(np.sum(known / (1.0 + known)))
+        offset = float(self.mean[-1] - self.mean[:-1] @ x)
+        parts = self.form, self.shape, x[:free].copy(), offset, parameters, self.plane, width
+        return PlaneFit(self.plane.only(kept), weights[kept], *parts), x, offset
