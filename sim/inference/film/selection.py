@@ -148,7 +148,7 @@ def refine_plain(path: Path, structure: Structure, form: Form, theta: Array) -> 
 
 def without_strays(rows: Rows, starts: Sequence[Start], fit: FilmOfRecords) -> Rows:
     """Return the rows without those readings that stand alone among the residuals of a fit to all of them; the same
-    rows if there are none. Of a sparse loop a row that no fit has seen may be the only one in its flank."""
+    rows if there are none."""
     path = build_path(rows.records, starts)
     residual = path.output - fit.at(path)
     cleaned, changed = [], False

@@ -34,11 +34,18 @@ def test_true_readings_of_a_sparse_loop_are_kept(first_degC: float, seed: int) -
     assert fit.outliers[0].size == 0
 
 
-def test_true_strays_are_still_left_out() -> None:
-    v, y = one_loop(88.0, 0.5, 0)
-    y[[60, 140, 200]] += [0.05, -0.04, 0.06]
-    fit = identify_film(60.0 * np.arange(v.size), v, y)
-    assert list(fit.outliers[0]) == [60, 140, 200]
+def test_true_strays_are_left_out_and_nothing_else() -> None:
+    """Eight of ten readings that are off by 20 to 30 times the noise, anywhere in a loop; no other one."""
+    found, false, records = 0, 0, 12
+    for seed in range(records):
+        v, y = one_loop(88.0, 0.5, seed)
+        strays = np.random.default_rng(seed).choice(np.arange(5, v.size - 5), 3, replace=False)
+        y[strays] += [0.05, -0.04, 0.06]
+        out = identify_film(60.0 * np.arange(v.size), v, y).outliers[0]
+        found += int(np.sum(np.isin(out, strays)))
+        false += int(np.sum(~np.isin(out, strays)))
+    assert found >= 0.8 * 3 * records
+    assert false == 0
 
 
 WIDE = FilmModel(
