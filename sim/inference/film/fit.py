@@ -26,14 +26,15 @@ from sim.inference.film.gap_memory import through_gaps
 from sim.inference.film.memoryless_forms import FORMS, Form
 from sim.inference.film.multistart import choose_starts, refine_starts, search, start_candidates
 from sim.inference.film.notes import film_notes
-from sim.inference.film.prediction_bands import Linearized, uncertainty
+from sim.inference.film.prediction_bands import uncertainty
 from sim.inference.film.relay_plane import PlaneFit
 from sim.inference.film.result import FilmFit, Prediction, memory_at_start
 from sim.inference.film.rows import FilmRecord, Prepared, Start, build_path, prepare
 from sim.inference.film.selection import (
-    Candidate,
+    Choice,
     Rows,
-    choose,
+    choose_form,
+    choose_plane,
     make_problem,
     rms,
     share_out,
@@ -50,7 +51,7 @@ AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simp
 STRAYS: Final = 3  # searches for stray readings: a large one hides a smaller one, and the form of D
 GAP_SEARCHES: Final = 3  # what a film went through in a gap is seen better with the envelopes that go with it
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
-__all__ = ["Candidate", "FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
+__all__ = ["FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
 
 
 def identify_film(
@@ -154,14 +155,17 @@ def _identified(
     if any(record.unseen.size for record in rows.records):
         starts, found = _fit_gaps(rows, starts, structure, forms, found, seed)
     theta = {form: found[form].theta for form in forms}
-    fit, error, candidates = choose(rows, starts, structure, forms, theta, kind)
+    plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
+    choice = choose_form(rows, starts, structure, forms, theta, plain_kind)
     for _ in range(STRAYS):
-        cleaned = without_strays(rows, starts, fit)
+        cleaned = without_strays(rows, starts, choice.fit)
         if cleaned is rows:
             break
         rows = cleaned
-        fit, error, candidates = choose(rows, starts, structure, forms, theta, kind)
-    path, first = build_path(rows.records, starts), starts[0].initial
+        choice = choose_form(rows, starts, structure, forms, theta, plain_kind)
+    if kind in (None, "mixed_envelopes"):
+        choice = choose_plane(rows, starts, choice, needed=kind is not None)
+    fit, path, first = choice.fit, build_path(rows.records, starts), starts[0].initial
     if isinstance(fit, PlaneFit):
         model = fit.model(output_name, first)
     else:
@@ -170,9 +174,8 @@ def _identified(
                 "output: nothing in it rises with temperature, so that no model explains it better than a constant; "
                 "expected one that rises, such as -log10(R / 1 ohm)"
             )
-        plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
         model = plain_model(fit, plain_kind, output_name, first)
-    return _fit(rows, starts, model, fit, path.output - fit.at(path), error, candidates)
+    return _fit(rows, starts, model, choice, path.output - fit.at(path))
 
 
 def _odd(records: Sequence[FilmRecord], output_name: str) -> tuple[str, ...]:
@@ -284,17 +287,8 @@ def plain_model(fit: PlainFit, kind: str, output_name: str, initial: Initial) ->
     )
 
 
-def _fit(
-    rows: Rows,
-    starts: Sequence[Start],
-    model: FilmModel,
-    fitted: Linearized,
-    residual: Array,
-    held_out_rmse: float,
-    candidates: list[Candidate],
-) -> FilmFit:
-    path = build_path(rows.records, starts)
-    sure = uncertainty(fitted, path, residual)
+def _fit(rows: Rows, starts: Sequence[Start], model: FilmModel, choice: Choice, residual: Array) -> FilmFit:
+    path, fit = build_path(rows.records, starts), choice.fit
     firsts = [float(record.inputs[0]) for record in rows.records]
     return FilmFit(
         model,
@@ -302,11 +296,11 @@ def _fit(
         tuple(memory_at_start(model, start, first) for start, first in zip(starts, firsts, strict=True)),
         rms(residual),
         float(np.max(np.abs(residual))),
-        held_out_rmse,
-        tuple(candidates),
+        choice.held_out_rmse,
+        tuple(choice.candidates),
         int(np.sum(model.weights > 0.0)),
-        sure,
+        uncertainty(fit, path, residual),
         tuple(record.path.noise_K for record in rows.records),
         tuple(record.outliers for record in rows.records),
-        film_notes(rows.records, starts, path, fitted.play_outputs(path), model, fitted.parameters, rms(residual)),
+        film_notes(rows.records, starts, path, fit.play_outputs(path), model, fit.parameters, rms(residual)),
     )

@@ -85,56 +85,60 @@ def readings_of(path: Path, records: Sequence[Prepared]) -> Readings:
     return Readings.at(np.concatenate(time), np.diff(path.record, prepend=-1) != 0)
 
 
-def choose(
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A film fitted to all rows, the error on the held-out rows of the same kind fitted without them, and all that was
+    tried."""
+
+    fit: FilmOfRecords
+    held_out_rmse: float
+    candidates: list[Candidate]
+
+
+def choose_form(
     rows: Rows,
     starts: Sequence[Start],
     structure: Structure,
     forms: Sequence[Form],
     theta: dict[Form, Array],
-    kind: str | None,
-) -> tuple[FilmOfRecords, float, list[Candidate]]:
-    """Return the best film fitted to all rows, its error on the held-out rows, and all candidates.
-
-    theta: of each form, from the global search; kind: of the model, None: whichever predicts better.
-    """
-    every = build_path(rows.records, starts)
+    kind: str,
+) -> Choice:
+    """Return the best film with one pair of envelopes. theta: of each form of D, from the global search."""
     train, held = build_path(rows.records, starts, rows.train), build_path(rows.records, starts, rows.held)
-    candidates: list[Candidate] = []
-
-    def report(name: str, fit: FilmOfRecords, error: float) -> None:
-        candidates.append(Candidate(name, fit.form.name, fit.operators, rms(train.output - fit.at(train)), error))
-
-    plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
-    best: FilmOfRecords | None = None
-    least = math.inf
+    candidates, best, least = [], None, math.inf
     for form in forms:
         plain = refine_plain(train, structure, form, theta[form])
         error = rms(held.output - plain.at(held))
-        report(plain_kind, plain, error)
+        candidates.append(Candidate(kind, form.name, plain.operators, rms(train.output - plain.at(train)), error))
         if error < WORTH * least:
             best, least = plain, error
-    assert isinstance(best, PlainFit)
-    whole = refine_plain(every, structure, best.form, best.solution.theta)
-    if kind == "mixed_envelopes":
-        least = math.inf
-    elif kind is not None or _is_white(whole.solution.residual, every, rows.records):
-        return whole, least, candidates
+    assert best is not None
+    whole = refine_plain(build_path(rows.records, starts), structure, best.form, best.solution.theta)
+    return Choice(whole, least, candidates)
+
+
+def choose_plane(rows: Rows, starts: Sequence[Start], film: Choice, needed: bool) -> Choice:
+    """Return the best Preisach density where it predicts better than a film with one pair of envelopes, or is needed;
+    else that film. With a residual that is white no other film can do better."""
+    every, held = build_path(rows.records, starts), build_path(rows.records, starts, rows.held)
+    noise = estimate(
+        every.output - film.fit.at(every), readings_of(every, rows.records), LEAST_NOISE * float(np.ptp(every.output))
+    )
+    if noise.slow == 0.0 and not needed:
+        return film
     thin = build_path(rows.records, starts, rows.thinner(PLANE_ROWS, rows.train))
-    best = None
+    candidates, best, least = list(film.candidates), None, math.inf if needed else film.held_out_rmse
+    form, shape = film.fit.form, film.fit.shape
     for thresholds in THRESHOLDS:
-        plane, error = fit_plane_judged(thin, held, RelayPlane.over(every, thresholds), whole.form, whole.shape)
-        report("mixed_envelopes", plane, error)
+        plane, error = fit_plane_judged(thin, held, RelayPlane.over(every, thresholds), form, shape)
+        fitted = rms(thin.output - plane.at(thin))
+        candidates.append(Candidate("mixed_envelopes", form.name, plane.operators, fitted, error))
         if error < WORTH * least:
             best, least = plane, error
     if best is None:
-        return whole, least, candidates
+        return replace(film, candidates=candidates)
     thin = build_path(rows.records, starts, rows.thinner(PLANE_ROWS))
-    return fit_plane(thin, best.plane, best.form, best.shape, best.width), least, candidates
-
-
-def _is_white(residual: Array, path: Path, records: Sequence[Prepared]) -> bool:
-    """Whether a residual has no slow discrepancy, so that no other film can do better."""
-    return estimate(residual, readings_of(path, records), LEAST_NOISE * float(np.ptp(path.output))).slow == 0.0
+    return Choice(fit_plane(thin, best.plane, form, shape, best.width), least, candidates)
 
 
 def refine_plain(path: Path, structure: Structure, form: Form, theta: Array) -> PlainFit:
