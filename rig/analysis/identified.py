@@ -21,7 +21,6 @@ from rig.files.record_file import Record
 from sim.inference.film.compression import Compression, compress
 from sim.inference.film.fit import FilmFit, FilmRecord, identify_film_records
 from sim.inference.plate.fit import PlateFit, PlateRecord, identify_plate_records
-from sim.inference.readings.temperature_path import temperature_path
 
 
 @dataclass(frozen=True)
@@ -85,8 +84,15 @@ def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], 
     output = rising(records, asked.output, say)
     found = Identified(tuple(records), output, Model(None, None))
     film_model, plate_model = None, None
+    courses: dict[int, Array] = {}
+    if with_plate:
+        plate = plate_fit(with_plate, asked.plate)
+        plate_model = plate.model
+        found = replace(found, plate=plate, drive=with_plate[0].drive, plate_records=tuple(with_plate))
+        if not plate.far_off:
+            courses = {id(record): course for record, course in zip(with_plate, plate.course_degC, strict=True)}
     if with_film:
-        film = film_fit(with_film, output, **asked.of_the_film)
+        film = film_fit(with_film, output, [courses.get(id(record)) for record in with_film], **asked.of_the_film)
         findings = check_model(film.model, *seen_degC(with_film)).findings
         compression = _compressed(film.model, with_film, asked.compress) if asked.compress is not None else None
         film_model = film.model if compression is None else compression.model
@@ -101,12 +107,8 @@ def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], 
             findings=tuple(findings),
             compression=compression,
             numbers=numbers,
+            lag_s=plate_fit(with_plate, asked.plate, lag=True).lag_s if with_plate else 0.0,
         )
-    if with_plate:
-        plate = plate_fit(with_plate, asked.plate)
-        plate_model = plate.model
-        lag_s = plate_fit(with_plate, asked.plate, lag=True).lag_s if found.numbers else 0.0
-        found = replace(found, plate=plate, lag_s=lag_s, drive=with_plate[0].drive, plate_records=tuple(with_plate))
     model = Model(film_model, plate_model)
     return replace(found, model=told_by(model, with_film) if with_film else model)
 
@@ -114,7 +116,7 @@ def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], 
 def modelled(film: FilmFit, number: int, record: Record) -> Array:
     """Return the output of the film model over a film record of that number, where the thermometer is believed."""
     time = record["time_s"]
-    output = film.along(number, time, temperature_path(time, record["temperature_degC"]).temperature_degC)
+    output = film.along(number, time)
     if record.has("resistance_time_s"):
         read = np.where(np.isfinite(record["resistance_time_s"]), record["resistance_time_s"], time)
         output = np.interp(read, time, output)
@@ -140,9 +142,12 @@ def _compressed(model: FilmModel, records: Sequence[Record], operators: int) -> 
         raise fault("--compress", repr(operators), str(error)) from None
 
 
-def film_fit(records: Sequence[Record], output: str, **how: Any) -> FilmFit:
-    """how: as `identify_film_records`. Readings of the resistance have their own times, where the record has them.
-    Raises Faults."""
+def film_fit(records: Sequence[Record], output: str, courses: Sequence[Array | None], **how: Any) -> FilmFit:
+    """Fit a film. Readings of the resistance have their own times, where the record has them.
+
+    courses: of each record the plate's temperature in its rows (degC) as the fit of the plate has it, None where there
+    is none; how: as `identify_film_records`. Raises Faults.
+    """
     inputs = [
         FilmRecord(
             r["time_s"],
@@ -150,8 +155,9 @@ def film_fit(records: Sequence[Record], output: str, **how: Any) -> FilmFit:
             r.output(output),
             r.source,
             r["resistance_time_s"] if r.has("resistance_time_s") else None,
+            course,
         )
-        for r in records
+        for r, course in zip(records, courses, strict=True)
     ]
     try:
         return identify_film_records(inputs, output_name=output, **how)

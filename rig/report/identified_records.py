@@ -123,15 +123,13 @@ def identifications(asked: AskedFit) -> Task:
 def compared(found: Identified) -> list[Compared]:
     """Each film record beside the model that was fitted."""
     from rig.report.identification import Compared
-    from sim.inference.readings.temperature_path import temperature_path
 
     if found.film is None:
         return []
     beside = []
     for number, record in enumerate(found.film_records):
-        time, path = record["time_s"], temperature_path(record["time_s"], record["temperature_degC"])
-        shown = modelled(found.film, number, record)
-        beside.append(Compared(record.source, time, path.temperature_degC, record.output(found.output), shown))
+        shown, course_degC = modelled(found.film, number, record), found.film.course_degC[number]
+        beside.append(Compared(record.source, record["time_s"], course_degC, record.output(found.output), shown))
     return beside
 
 

@@ -135,7 +135,12 @@ def identify_film_records(
     structure = equal_structure(operators, 1, ordered)
     with threadpool_limits(limits=1):  # see `triangle`
         fit = _identified(share_out(prepared), structure, forms, kind, initial, output_name, seed)
-    return replace(fit, identifiability=(*odd, *fit.identifiability))
+    courses = zip(records, prepared, strict=True)
+    return replace(
+        fit,
+        identifiability=(*odd, *fit.identifiability),
+        course_degC=tuple(np.interp(np.asarray(one.time_s), ready.time_s, ready.inputs) for one, ready in courses),
+    )
 
 
 def _identified(

@@ -35,7 +35,8 @@ class FilmFit:
     rmse, max_abs: over all trusted readings; held_out_rmse: of the same kind of model fitted without the held-out rows;
     candidates: what was tried; active_operators: those with weight > 0; uncertainty: covariance of all that was fitted;
     temperature_noise_K: of each record's thermometer; outliers: indices of readings left out, of each record;
-    identifiability: in plain words what these records cannot fix.
+    identifiability: in plain words what these records cannot fix; course_degC: the temperature that drove the film in
+    each row of each record.
     """
 
     model: FilmModel
@@ -50,10 +51,12 @@ class FilmFit:
     temperature_noise_K: tuple[float, ...]
     outliers: tuple[NDArray[np.int64], ...]
     identifiability: tuple[str, ...]
+    course_degC: tuple[Array, ...] = ()
 
-    def along(self, number: int, time_s: Array, path_degC: Array) -> Array:
-        """The model's output over one of the records that were fitted, with what its film went through in gaps: along
-        the path of its temperature, both of shape (samples,)."""
+    def along(self, number: int, time_s: Array, path_degC: Array | None = None) -> Array:
+        """Return the model's output in the rows of one of the records that were fitted, with what its film went through
+        in gaps, shape (samples,). path_degC: the film's temperature there, None: that of the fit."""
+        path_degC = self.course_degC[number] if path_degC is None else path_degC
         rows, passed_degC = self.starts[number].turned_in_gaps(time_s)
         output, _ = self.model.simulate(np.insert(path_degC, rows, passed_degC), self.memories[number])
         return np.asarray(np.delete(output, rows + np.arange(rows.size)), dtype=np.float64)

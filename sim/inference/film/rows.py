@@ -30,13 +30,15 @@ FEWEST: Final = 12  # readings below which nothing is fitted
 @dataclass(frozen=True, eq=False)
 class FilmRecord:
     """One record: `time_s` increasing, `temperature_degC`, `output` (nan: no reading), each of shape (samples,);
-    `output_time_s`: when each output was read, where that is known to differ from the row's time (nan: it does not)."""
+    `output_time_s`: when each output was read, where that is known to differ from the row's time (nan: it does not);
+    `course_degC`: the film's temperature where it is known better than by smoothing the readings (nan: it is not)."""
 
     time_s: ArrayLike
     temperature_degC: ArrayLike
     output: ArrayLike
     name: str = "record"
     output_time_s: ArrayLike | None = None
+    course_degC: ArrayLike | None = None
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,10 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
     if np.sum(finite) < FEWEST:
         raise ValueError(f"{name}: output: {int(np.sum(finite))} finite readings, expected at least {FEWEST}")
     path = temperature_path(time, temperature, noise_K=noise_K)
+    if record.course_degC is not None and path.noise_K > 0.0:
+        course = np.asarray(record.course_degC, dtype=np.float64)
+        course = np.where(np.isfinite(course), course, path.temperature_degC)
+        path = replace(path, temperature_degC=course, turning=turning_points(course, 0.0))
     check_moves(name, path, "a sweep through the transition")
     repeated = repeated_rows(output, FEWEST)
     finite[repeated] = False

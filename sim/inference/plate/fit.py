@@ -42,7 +42,7 @@ from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
 from sim.inference.covariance import block_sandwich
 from sim.inference.evidence import price
 from sim.inference.film.rows import FEWEST
-from sim.inference.noise import Noise, Readings, Whitening, estimate, variances
+from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, variances
 from sim.inference.plate.notes import far_off, plate_notes
 from sim.inference.plate.starts import Stretch, rough_balances
 from sim.inference.readings.checked_columns import checked_columns
@@ -96,7 +96,8 @@ class PlateFit:
     for or does not make the records likelier. first_degC: temperature at the start of each stretch, with `stretches`
     its (record, first row, last row + 1). noise: of the thermometer, and of what the model lacks. rmse_K, max_abs_K: of
     the simulation over all readings that count; outliers: number of readings that do not count in full;
-    identifiability: what the records cannot fix; longest_s: of the stretches.
+    identifiability: what the records cannot fix; longest_s: of the stretches. course_degC: the plate's likeliest
+    temperature in each row of each record, from the simulation and the readings; nan in rows of no stretch.
     """
 
     model: PlateModel
@@ -114,6 +115,7 @@ class PlateFit:
     identifiability: tuple[str, ...]
     longest_s: float
     lag_s: float = 0.0
+    course_degC: tuple[Array, ...] = ()
 
     @property
     def noise_K(self) -> float:
@@ -131,7 +133,7 @@ class PlateRows:
     """The rows of all records in sequence, as the chain takes a record (`sim.model.recorded.Recorded`).
 
     temperature_degC, used: (rows,); first_rows: of each stretch; begins: True where a record begins, (rows,);
-    stretches: as of `PlateFit`; outliers: readings left out beforehand.
+    stretches: as of `PlateFit`; outliers: readings left out beforehand; lengths: rows of each record.
     """
 
     time_s: Array
@@ -142,6 +144,7 @@ class PlateRows:
     begins: NDArray[np.bool_]
     stretches: tuple[tuple[int, int, int], ...]
     outliers: int
+    lengths: tuple[int, ...]
     inputs: Inputs = NOTHING
     test_current_A: Array | None = None
 
@@ -179,9 +182,10 @@ class PlateRows:
     @classmethod
     def of(cls, records: Sequence[PlateRecord]) -> PlateRows:
         """The records checked and joined. Raises ValueError, one line, for one that cannot be used."""
-        parts, stretches, outliers, rows, end_s = [], [], 0, 0, 0.0
+        parts, stretches, lengths, outliers, rows, end_s = [], [], [], 0, 0, 0.0
         for number, record in enumerate(records):
             time, temperature, current = _checked(record)
+            lengths.append(time.size)
             used = np.isfinite(temperature)
             lone = lone_outliers(temperature, used)
             used[lone] = False
@@ -204,7 +208,7 @@ class PlateRows:
         time, temperature, current, used, begins = (np.concatenate(column) for column in zip(*parts, strict=True))
         first_rows = np.array([first for first, *_ in stretches])
         of_records = tuple((number, first, last) for _, number, first, last in stretches)
-        return cls(time, temperature, current, used, first_rows, begins, of_records, outliers)
+        return cls(time, temperature, current, used, first_rows, begins, of_records, outliers, tuple(lengths))
 
 
 def _checked(record: PlateRecord) -> tuple[Array, Array, Array]:
@@ -293,6 +297,10 @@ class _Problem:
 
     def shown(self, unknowns: Array) -> Array:
         """What the thermometer shows without noise, (used readings,)."""
+        return self.simulated(unknowns)[self.used]
+
+    def simulated(self, unknowns: Array) -> Array:
+        """The same in every row, (rows,)."""
         rows = self.rows
         links = self._links(float(unknowns[self.split - 1])) if self.lag else Links()
         if self.lag not in self._nodes:
@@ -302,7 +310,18 @@ class _Problem:
         late = np.zeros((self.anew.size, int(self.lag)))
         bodies = np.empty((self.anew.size, 0))
         run = simulate_plate(rows, self._nodes[self.lag], par, links, unknowns[self.split :], self.anew, bodies, late)
-        return run.shown_degC[self.used]
+        return run.shown_degC
+
+    def course(self, unknowns: Array, noise: Noise, readings: Readings) -> Array:
+        """The plate's temperature in each row: simulated, and what the readings say beyond that, degC, (rows,)."""
+        plain = np.delete(unknowns, self.split - 1) if self.lag else unknowns
+        alone = self if not self.lag else _Problem(self.rows, self.kind, False, self.slopes)
+        plate = alone.simulated(plain)
+        residual = self.residual(unknowns)
+        if noise.slow == 0.0:
+            return plate
+        time = self.rows.time_s
+        return plate + np.interp(time, time[self.used], discrepancy(residual, noise, readings)[0])
 
     @staticmethod
     def _links(lag_s: float) -> Links:
@@ -493,4 +512,14 @@ def _result(at: _Point) -> PlateFit:
         (),
         max(float(np.ptp(part.time_s)) for part in problem.rows.parts),
         float(unknowns[problem.split - 1]) if problem.lag else 0.0,
+        _by_record(problem.rows, problem.course(unknowns, at.noise, at.readings)),
     )
+
+
+def _by_record(rows: PlateRows, values: Array) -> tuple[Array, ...]:
+    """Values of all rows in those of each record, nan in rows of no stretch."""
+    lengths = rows.lengths
+    found = [np.full(length, np.nan) for length in lengths]
+    for first_row, (number, first, last) in zip(rows.first_rows.tolist(), rows.stretches, strict=True):
+        found[number][first:last] = values[first_row : first_row + last - first]
+    return tuple(found)

@@ -48,6 +48,8 @@ def _share(steps: list[tuple[Array, Array]]) -> float:
 def _lag(steps: list[tuple[Array, Array]]) -> float:
     """By how much the output is higher while cooling than while heating, mean over the temperatures seen both ways, of
     its span; 0 where there are none."""
+    if not steps:
+        return 0.0
     middle = np.concatenate([0.5 * (v[1:] + v[:-1]) for v, _ in steps])
     output = np.concatenate([0.5 * (y[1:] + y[:-1]) for _, y in steps])
     heats = np.concatenate([np.diff(v) > 0.0 for v, _ in steps])
