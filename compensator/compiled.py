@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import logging
 import os
 import pickle
 import secrets
@@ -40,8 +41,6 @@ from numba.core.extending import _Intrinsic
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.misc.appdirs import AppDirs
-
-import compensator
 
 config: Any = numba.config
 F = TypeVar("F", bound=Callable[..., Any])
@@ -90,6 +89,9 @@ def folders() -> list[Path]:
     return [beside, *([of_user] if of_user.is_absolute() else [])]  # without a home the name begins with "~"
 
 
+LOG = logging.getLogger("compensator")  # that loops are compiled, and that they cannot be kept
+
+
 class _Cache:
     """The machine code of one loop on disk, in the place of numba's cache of it."""
 
@@ -119,7 +121,7 @@ class _Cache:
         _Cache.count += 1
         if _Cache.count > FEW and not _Cache.told:
             _Cache.told = True
-            compensator.report("compiling loops, once (about a minute; `peltier precompile` does it ahead)")
+            LOG.warning("compiling loops, once (about a minute; `peltier precompile` does it ahead)")
         return None
 
     def save_overload(self, signature: Any, result: Any) -> None:
@@ -138,7 +140,7 @@ class _Cache:
         if not _Cache.told_unkept:
             _Cache.told_unkept = True
             text = f"compiled loops cannot be kept ({'; '.join(problems)})"
-            compensator.report(f"{text}: set NUMBA_CACHE_DIR to a folder that can be written")
+            LOG.warning(f"{text}: set NUMBA_CACHE_DIR to a folder that can be written")
 
     def flush(self) -> None:
         """Forget nothing: a file that is there is right."""

@@ -9,11 +9,8 @@ docs/python.md is an hour with them. A name is loaded when it is first used, so 
 `import rig` costs nothing.
 """
 
-import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-import compensator
 
 if TYPE_CHECKING:
     from rig.core.faults import Faults
@@ -31,11 +28,6 @@ if TYPE_CHECKING:
     from rig.version import __version__
 
 
-def _to_stderr(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
-compensator.report = _to_stderr  # that loops are compiled
 _PLACES = {
     "__version__": "version",
     "Faults": "core.faults",

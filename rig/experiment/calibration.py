@@ -209,6 +209,10 @@ def identify_calibration(
     plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted], kind=kind, lag=True)
     read_s = folder.column("resistance_time_s")
     plate_degC = plate_course(time, temperature, plate_fit.lag_s)
+    if not plate_fit.far_off:
+        course_degC = np.full(time.size, math.nan)
+        course_degC[fitted] = plate_fit.course_degC[0]
+        plate_degC = np.where(np.isfinite(course_degC), course_degC, plate_degC)
     pauses = own_pauses(time, current, folder.column("tick"), fitted)
     *rows, output_time_s = through_pauses(pauses, *(column[fitted] for column in (time, plate_degC, output, read_s)))
     seed = configuration.calibration.seed
