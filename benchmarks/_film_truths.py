@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from statistics import NormalDist
 
 import numpy as np
 
@@ -26,14 +27,13 @@ class Film:
     """A film, whose output rises with temperature in the loop; in decades, or in the output's unit.
 
     low, high: walls of the operators at one temperature, shape (operators,); wide: temperatures (degC) far beyond both
-    ends of the loop; relays: whether its branches have steps.
+    ends of the loop.
     """
 
     low: Callable[[float], Array]
     high: Callable[[float], Array]
     weights: Array
     wide: Array
-    relays: bool
     background: Callable[[Array], Array] = np.zeros_like
 
     def saturated(self, hot: bool) -> Array:
@@ -62,32 +62,23 @@ class Film:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A measured film and its truth.
-
-    ends: lowest and highest temperature, at which the loop is closed. columns: the record; column: the name of its
-    output; outputs: the truth in each row; noise: RMS of what the true film leaves of the readings when it follows the
-    thermometer. fresh: another profile, from saturation (`initial`), without noise; asked: RMS error that a model may
-    have on it. transition: lowest and highest true value of each number, by the window through which one looks (equal
-    for a film without steps), None where the branch has no single steepest point. branches: whether the record holds
-    the major branches of heating and of cooling. inner: whether it turns six times or more inside the loop, so that it
-    fixes the minor loops.
-    """
+    """A measured film and its truth. An ambiguous number of the transition is None."""
 
     seed: int
     kind: str
     words: str
     film: Film
-    ends: Array
-    column: str
-    columns: dict[str, Array]
-    outputs: Array
-    noise: float
-    fresh: dict[str, Array]
-    initial: str
-    asked: float
-    transition: dict[str, tuple[float, float] | None]
-    branches: tuple[bool, bool]
-    inner: bool
+    ends: Array  # lowest and highest temperature; the loop is closed there
+    column: str  # name of the output
+    columns: dict[str, Array]  # the record
+    outputs: Array  # the truth in each row
+    noise: float  # RMS of what the true film leaves of the readings when it follows the thermometer
+    fresh: dict[str, Array]  # another profile, from saturation, without noise
+    initial: str  # which saturation
+    asked: float  # RMS error that a model may have there
+    transition: dict[str, tuple[float, float] | None]  # lowest and highest value, by the window through which one looks
+    branches: tuple[bool, bool]  # whether the record holds the major branches of heating and of cooling
+    inner: bool  # whether it turns at ten temperatures or more inside the loop, which fixes the minor loops
 
 
 def log_uniform(rng: Rng, low: float, high: float) -> float:
@@ -106,7 +97,7 @@ def play_film(rng: Rng, centre: float, width: float, height: float) -> tuple[Fil
     weights = rng.gamma(rng.uniform(0.5, 3.0), size=number)
     weights *= height / np.sum(2.0 * (1.0 - radii) * weights)
     low, high = (lambda v: np.tanh(a[0] * (v - c[0])) - radii), (lambda v: np.tanh(a[1] * (v - c[1])) + radii)
-    return Film(low, high, weights, wide, False), f"{number} plays"
+    return Film(low, high, weights, wide), f"{number} plays"
 
 
 def relay_film(rng: Rng, centre: float, width: float, height: float, grains: bool) -> tuple[Film, str]:
@@ -114,23 +105,26 @@ def relay_film(rng: Rng, centre: float, width: float, height: float, grains: boo
     number = int(rng.integers(20, 61)) if grains else int(rng.integers(500, 2001))
     density = str(rng.choice(["bell-shaped", "lognormal widths", "two populations", "correlated"]))
     typical = width * rng.uniform(0.15, 0.6)
-    z, x = rng.normal(size=number), rng.normal(size=number)
+    points = rng.random((number, 2))
+    if not grains:  # spread evenly (Roberts' R2 sequence)
+        points = (points[0] + np.outer(np.arange(number), [0.7548776662, 0.5698402910])) % 1.0
+    z, x = np.vectorize(NormalDist().inv_cdf)(np.clip(points, 1e-9, 1.0 - 1e-9)).T
     middle, half = centre + 0.4 * width * z, typical * np.abs(1.0 + 0.4 * x)
     if density == "lognormal widths":
         half = typical * np.exp(rng.uniform(0.3, 0.7) * x)
     elif density == "two populations":
-        second = rng.random(number) < rng.uniform(0.2, 0.5)
+        second = np.arange(number) < number * rng.uniform(0.2, 0.5)
         middle = np.where(second, centre + rng.uniform(0.5, 1.2) * width + 0.25 * width * z, middle)
         half = np.where(second, rng.uniform(0.3, 2.0) * half, half)
     elif density == "correlated":
         half = typical * np.exp(0.4 * (rng.uniform(0.5, 0.9) * rng.choice([-1.0, 1.0]) * z + 0.5 * x))
     weights = rng.lognormal(0.0, 0.5, number) if grains else np.ones(number)
     up, down = middle + half, middle - half
-    soft = width * (rng.uniform(0.003, 0.02) if grains else rng.choice([1e-6, 0.02]))  # width of each step, K
+    soft = width * (rng.uniform(0.003, 0.02) if grains else rng.uniform(0.05, 0.15))  # each step's, K
     low, high = (lambda v: np.clip((v - up) / soft, 0.0, 1.0)), (lambda v: np.clip((v - down) / soft + 1.0, 0.0, 1.0))
     wide = np.linspace(down.min() - 0.5 * width, up.max() + 0.5 * width, 4001)
     words = f"{number} grains" if grains else f"{number} relays, {density}"
-    return Film(low, high, height / np.sum(weights) * weights, wide, True), words
+    return Film(low, high, height / np.sum(weights) * weights, wide), words
 
 
 def background(rng: Rng, form: str, centre: float, reach: float, size: float) -> Callable[[Array], Array]:
@@ -140,34 +134,33 @@ def background(rng: Rng, form: str, centre: float, reach: float, size: float) ->
         return lambda v: size / EV_KELVIN * (1.0 / (centre + 273.15) - 1.0 / (v + 273.15))
     if form == "curved" and flat:
         return lambda v: size * np.tanh((v - centre) / reach + bend)
-    bend = bend if form == "curved" else 0.0
-    size = 0.0 if form == "none" else size
-    return lambda v: size * ((v - centre) / reach + bend * ((v - centre) / reach) ** 2)
+    one, two = {"none": (0.0, 0.0), "straight": (size, 0.0), "curved": (size, bend * size)}[form]
+    return lambda v: one * (v - centre) / reach + two * ((v - centre) / reach) ** 2
 
 
 def steepest(film: Film, low: float, high: float, heating: bool) -> tuple[float, float] | None:
-    """Return between which temperatures the steepest point of a major branch lies, None if there is no single one."""
+    """Return between which temperatures the steepest point of a major branch lies, None if there is no single one.
+
+    Relays and plays begin to move one after the other: each has a step or a kink, and which point is steepest depends
+    on the window. Here these have a standard deviation of 8 to 25 % of the branch's width.
+    """
     grid = np.linspace(low, high, 6001)
     slope = np.diff(film.branch(grid, heating))
     risen = np.cumsum(slope - np.diff(film.background(grid)))
     width = int(np.searchsorted(risen, 0.85 * risen[-1]) - np.searchsorted(risen, 0.15 * risen[-1]))  # rows
     found = []
-    for share in (0.08, 0.12, 0.17, 0.25) if film.relays else (0.0,):
+    for share in (0.08, 0.12, 0.25, 0.17):
         seen = np.abs(smoothed(slope, share * width))
         at = int(np.argmax(seen))
         found.append(float(grid[at]))
-        peaks = np.r_[True, seen[1:] >= seen[:-1]] & np.r_[seen[:-1] >= seen[1:], True]
-        peaks[max(0, at - int(0.4 * width)) : at + int(0.4 * width)] = False
-        rivals = share in (0.0, 0.17) and np.any(seen[peaks] > 0.9 * seen[at])
-        if rivals or not 0 < at < seen.size - 1:
-            return None
-    return min(found), max(found)
+    peaks = np.r_[True, seen[1:] >= seen[:-1]] & np.r_[seen[:-1] >= seen[1:], True]
+    peaks[max(0, at - int(0.4 * width)) : at + int(0.4 * width)] = False
+    single = 0 < at < seen.size - 1 and not np.any(seen[peaks] > 0.9 * seen[at])
+    return (min(found), max(found)) if single else None
 
 
 def smoothed(values: Array, deviation: float) -> Array:
-    """Return a Gaussian average with this standard deviation in rows, 0: none."""
-    if deviation == 0.0:
-        return values
+    """Return a Gaussian average with this standard deviation in rows."""
     reach = int(4 * deviation) + 1
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
     return np.convolve(np.pad(values, reach, mode="edge"), kernel / kernel.sum(), mode="valid")
@@ -178,8 +171,8 @@ def turns_of(rng: Rng, shape: str, ends: Array, loop: Array, count: int) -> list
     first, last = ends
     inside = rng.uniform(min(loop), max(loop), max(2, count - 3))
     if shape == "major":
-        return [float(one) for one in (first, last, first, last, first)[: int(rng.choice([3, 5]))]]
-    if shape == "decaying":
+        inside = [first, last] if rng.random() < 0.5 else []
+    elif shape == "decaying":
         middle = 0.5 * (np.mean(loop) + inside[0])
         decay = np.exp(-np.arange(1, count) / (0.4 * count)) * (-1.0) ** np.arange(1, count)
         inside = np.r_[middle + (last - middle) * decay, middle]
@@ -270,9 +263,8 @@ def case_of(seed: int, kind: str | None = None) -> Case:
     shape = str(rng.choice(["major", "decaying", "decaying", "reversal curves", "two rates", "afternoon"]))
     start, rows = str(rng.choice(["cold", "hot", "mid"])), int(log_uniform(rng, 300, 8000))
     hot = start == "hot" or (start == "mid" and bool(rng.random() < 0.5))
-    way = -1 if hot else 1
-    turns = turns_of(rng, shape, ends[::way], loop[::way], int(np.clip(rows / 70, 4, 24)))
-    memory = film.saturated(hot)
+    way, memory = -1 if hot else 1, film.saturated(hot)
+    turns = turns_of(rng, shape, ends[::way], loop[::way], int(np.clip(rows / 60, 4, 30)))
     if start == "mid":  # after a history that nobody has recorded
         history = rng.uniform(*loop, int(rng.integers(3, 12)))
         memory, turns = film.follow(history, memory)[1], [float(history[-1]), *turns]
@@ -285,7 +277,7 @@ def case_of(seed: int, kind: str | None = None) -> Case:
     thermometer, digit = log_uniform(rng, 1e-3, 50e-3), float(rng.choice([0.0, 0.0, 0.0, 0.01, 0.05]))
     degC = at(times) + thermometer * rng.normal(size=times.size)
     degC = np.round(degC / digit) * digit if digit else degC
-    meter, share = unit * log_uniform(rng, 0.3e-3, 8e-3), float(rng.choice([0.0, 0.0, 0.0, 0.6]))  # share that is slow
+    meter, share = unit * log_uniform(rng, 0.3e-3, 8e-3), float(rng.choice([0.0, 0.0, 0.0, 0.6]))  # share: what is slow
     white, slow = rng.normal(size=times.size), smoothed(rng.normal(size=times.size), 5.0)
     readings = outputs + meter * (np.sqrt(1.0 - share**2) * white + share * slow / np.std(slow))
     good = np.ones(times.size, dtype=bool)
@@ -295,7 +287,7 @@ def case_of(seed: int, kind: str | None = None) -> Case:
         readings, held = readings[good][taken], bool(rng.random() < 0.5)
         readings[~good] = np.where(held, readings, np.nan)[~good]
         sampling += ", readings repeated" if held else ", rows empty between"
-    left = [film.follow(smoothed(degC, one), memory)[0] - readings for one in (0.0, 0.7, 1.5, 3.0, 6.0)]
+    left = [film.follow(smoothed(degC, one), memory)[0] - readings for one in (0.1, 0.7, 1.5, 3.0, 6.0)]
     noise = float(min(np.sqrt(np.mean(one[good] ** 2)) for one in left))
     wild = bool(rng.random() < 0.25)
     off = good & (rng.random(times.size) < 0.005 * wild)
@@ -306,19 +298,17 @@ def case_of(seed: int, kind: str | None = None) -> Case:
         return {"time_s": time_s, "temperature_degC": temperature, column: output}
 
     fresh_hot = bool(rng.random() < 0.5)
-    corner = np.r_[ends[::-1] if fresh_hot else ends, rng.uniform(*loop, 16)][np.r_[0, 2:18]]
-    path = np.interp(np.linspace(0.0, 16.0, 1501), np.arange(17.0), corner)
+    path = np.interp(np.arange(1501) / 1500 * 16, range(17), [ends[int(fresh_hot)], *rng.uniform(*loop, 16)])
     fresh = as_read(np.arange(1501.0), path, film.follow(path, film.saturated(fresh_hot))[0])
     columns = as_read(times * np.sum(np.abs(np.diff(turns))) / log_uniform(rng, 0.02, 0.5), degC, readings)
-    pairs = set(pairwise(turns))
     words += f"; {shape} from {start}, {times.size} rows, {sampling}; thermometer {1e3 * thermometer:.0f} mK"
     words += f"{f', digit {digit:g} K' if digit else ''}; meter {1e3 * meter:.2g} m"
     words += f"{', coloured' if share else ''}{', outliers' if wild else ''}"
-    branches = tuple(ends) in pairs, tuple(ends[::-1]) in pairs
-    inner = sum(loop[0] < one < loop[1] for one in set(turns[1:])) >= 6
+    branches = tuple(ends) in pairwise(turns), tuple(ends[::-1]) in pairwise(turns)
+    inner = int(sum(loop[0] < one < loop[1] for one in set(turns[1:]))) >= 10
     asked, initial = 1.5 * max(noise, 0.002 * unit), "cooled" if fresh_hot else "heated"
     up, down = (steepest(film, *ends, heating) for heating in (True, False))
     both = (up[0] - down[1], up[1] - down[0]) if up and down else None
     numbers = {"heating_degC": up, "cooling_degC": down, "hysteresis_K": both}
-    record = (seed, kind, words, film, ends, column, columns, outputs, noise)
-    return Case(*record, fresh, initial, asked, numbers, branches, inner)
+    measured = (seed, kind, words, film, ends, column, columns, outputs, noise)
+    return Case(*measured, fresh, initial, asked, numbers, branches, inner)

@@ -65,21 +65,22 @@ def judged(seed: int, kind: str | None, limit_s: float) -> Row:
 
 
 def numbers(case: Case, stated: Row) -> Row:
-    """Return how each number of the transition that has a true value was stated.
+    """Return how each number of the transition that has one true value was stated.
 
     branch: whether the record holds the branches; value: None if none was stated; inside: whether the interval holds
     the truth; off_K: distance of the value from it; half_K: half the interval.
     """
-    branches = dict(zip(case.transition, (*case.branches, all(case.branches)), strict=True))
-    told = {name: {"branch": branch, "value": stated[name]["value"]} for name, branch in branches.items()}
-    for name, one in told.items():
-        truth = case.transition[name]
-        if one["value"] is not None and truth is not None:
-            low, high = stated[name]["ci95"]
-            one["inside"] = bool(low <= truth[1] and high >= truth[0])
-            one["off_K"] = max(truth[0] - one["value"], one["value"] - truth[1], 0.0)
-            one["half_K"] = 0.5 * (high - low)
-    return {name: one for name, one in told.items() if case.transition[name] is not None}
+    found: Row = {}
+    for name, branch in zip(case.transition, (*case.branches, all(case.branches)), strict=True):
+        if (truth := case.transition[name]) is None:
+            continue
+        value, (low, high) = stated[name]["value"], stated[name]["ci95"] or (0.0, 0.0)
+        found[name] = {"branch": branch, "value": value}
+        if value is not None:
+            off = max(truth[0] - value, value - truth[1], 0.0)
+            inside = bool(low <= truth[1] and high >= truth[0])
+            found[name] |= {"inside": inside, "off_K": off, "half_K": 0.5 * (high - low)}
+    return found
 
 
 def outcomes(seeds: list[int], kind: str | None, workers: int, limit_s: float) -> list[Row]:
@@ -87,10 +88,10 @@ def outcomes(seeds: list[int], kind: str | None, workers: int, limit_s: float) -
     lane = threading.local()
 
     def one(seed: int) -> Row:
-        if not hasattr(lane, "pool"):
-            lane.pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
-            lane.pool.submit(judged, 0, "play", 600.0).result()  # loads and compiles
         try:
+            if not hasattr(lane, "pool"):
+                lane.pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+                lane.pool.submit(judged, 0, "play", 600.0).result()  # loads and compiles
             row: Row = lane.pool.submit(judged, seed, kind, limit_s).result()
         except BrokenProcessPool:
             del lane.pool
