@@ -72,6 +72,7 @@ class Case:
     column: str  # name of the output
     columns: dict[str, Array]  # the record
     outputs: Array  # the truth in each row
+    off: Array  # what was added to make outliers; nan where nothing was read
     noise: float  # RMS of what the true film leaves of the readings when it follows the thermometer
     fresh: dict[str, Array]  # another profile, from saturation, without noise
     initial: str  # which saturation
@@ -290,8 +291,9 @@ def case_of(seed: int, kind: str | None = None) -> Case:
     left = [film.follow(smoothed(degC, one), memory)[0] - readings for one in (0.1, 0.7, 1.5, 3.0, 6.0)]
     noise = float(min(np.sqrt(np.mean(one[good] ** 2)) for one in left))
     wild = bool(rng.random() < 0.25)
-    off = good & (rng.random(times.size) < 0.005 * wild)
-    readings = readings + off * meter * rng.choice([-1.0, 1.0], off.size) * rng.uniform(10, 100, off.size)
+    off = meter * rng.choice([-1.0, 1.0], times.size) * rng.uniform(10, 100, times.size)
+    off = np.where(good, off * (rng.random(times.size) < 0.005 * wild), np.nan)
+    readings = readings + np.nan_to_num(off)
 
     def as_read(time_s: Array, temperature: Array, output: Array) -> dict[str, Array]:
         output = 10.0 ** (output if rises else -output) if decades else output
@@ -310,5 +312,5 @@ def case_of(seed: int, kind: str | None = None) -> Case:
     up, down = (steepest(film, *ends, heating) for heating in (True, False))
     both = (up[0] - down[1], up[1] - down[0]) if up and down else None
     numbers = {"heating_degC": up, "cooling_degC": down, "hysteresis_K": both}
-    measured = (seed, kind, words, film, ends, column, columns, outputs, noise)
+    measured = (seed, kind, words, film, ends, column, columns, outputs, off, noise)
     return Case(*measured, fresh, initial, asked, numbers, branches, inner)
