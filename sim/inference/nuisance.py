@@ -20,7 +20,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import HeatFlow
-from sim.inference.levenberg_marquardt import FLAT, Damping, Linearized, descend
+from sim.inference.levenberg_marquardt import Damping, least_squares
 from sim.inference.noise import Noise, Readings, Whitening
 from sim.model.gaps import beyond_ends, there_and_back
 from sim.model.links import Links
@@ -39,10 +39,7 @@ WORTH = 3.0  # log-likelihood that another memory than the model's own has to br
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-3, 1e-4  # an instrument's last digit: nothing is known better
 STEP_K, STEP_LATE = 0.01, 1e-3  # of difference quotients: rounding is 1e-11
 STEPS = 4  # of a descent from the first readings, next to linear: the second brings little, the third nothing
-SETTLED = 1e-6  # log-likelihood that one more step brings: values are then within 1e-3 of their deviations
 DAMPING = Damping(first=1e-12, more=100.0, least_after_failure=1e-4, trials=4)  # undamped as long as that gains
-TINY = 1e-30  # of a diagonal: a stretch without a reading tells nothing of its first temperature
-_Trial = tuple[Array, Array, float]  # unknowns, what they leave over the noise, the cost
 
 
 class Forward(Protocol):
@@ -252,22 +249,18 @@ def _moved(u: Array, places: slice, by: float) -> Array:
     return out
 
 
-def _least(residual: Callable[[Array], Array], slopes: Callable[[Array, Array], Array], spread: Array) -> Array:
-    """The u of least squares with normal priors about 0, from there. residual: over the noise, (rows,); slopes: by how
-    much it falls with each unknown, (rows, unknowns), from u and its residual; spread: of each prior."""
-    precision = spread**-2.0
+def _least(
+    residual: Callable[[Array], Array], slopes: Callable[[Array, Array], Array], spread: Array, steps: int = STEPS
+) -> Array:
+    """Return the u of least squares with normal priors about 0, from there. residual: over the noise, (rows,); slopes:
+    by how much it falls with each unknown, (rows, unknowns), from u and its residual; spread: of each prior."""
+    width = 1.0 / spread
 
-    def tried(u: Array) -> _Trial:
-        left = residual(u)
-        return u, left, 0.5 * float(left @ left + u @ (precision * u))
+    def both(u: Array) -> Array:
+        return np.concatenate((residual(u), u * width))
 
-    def linearized(at: _Trial) -> Linearized[_Trial]:
-        u, left, _ = at
-        columns = slopes(u, left)
-        normal, gradient = columns.T @ columns + np.diag(precision), columns.T @ left - precision * u
-        return Linearized(normal, gradient, np.maximum(np.diag(normal), TINY), lambda move: tried(u + move), FLAT)
+    def derivatives(u: Array, left: Array) -> Array:
+        return np.vstack((-slopes(u, left[: -u.size]), np.diag(width)))
 
-    def settled(before: float, after: float) -> bool:
-        return before - after < SETTLED
-
-    return descend(tried(np.zeros(spread.size)), STEPS, lambda at: at[2], linearized, settled, DAMPING)[0]
+    anywhere = np.full(spread.size, -math.inf), np.full(spread.size, math.inf)
+    return least_squares(both, derivatives, np.zeros(spread.size), anywhere, steps, DAMPING)[0]

@@ -119,12 +119,11 @@ def choose_form(
 
 def choose_plane(rows: Rows, starts: Sequence[Start], film: Choice, needed: bool) -> Choice:
     """Return the best Preisach density where it predicts better than a film with one pair of envelopes, or is needed;
-    else that film. With a residual that is white no other film can do better."""
+    else that film. No film predicts to within less than the white noise."""
     every, held = build_path(rows.records, starts), build_path(rows.records, starts, rows.held)
-    noise = estimate(
-        every.output - film.fit.at(every), readings_of(every, rows.records), LEAST_NOISE * float(np.ptp(every.output))
-    )
-    if noise.slow == 0.0 and not needed:
+    residual = every.output - film.fit.at(every)
+    noise = estimate(residual, readings_of(every, rows.records), LEAST_NOISE * float(np.ptp(every.output)))
+    if noise.white > WORTH * rms(residual) and not needed:
         return film
     thin = build_path(rows.records, starts, rows.thinner(PLANE_ROWS, rows.train))
     candidates, best, least = list(film.candidates), None, math.inf if needed else film.held_out_rmse

@@ -26,7 +26,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import (
@@ -42,6 +41,7 @@ from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
 from sim.inference.covariance import block_sandwich
 from sim.inference.evidence import price
 from sim.inference.film.rows import FEWEST
+from sim.inference.levenberg_marquardt import least_squares
 from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, variances
 from sim.inference.plate.notes import far_off, plate_notes
 from sim.inference.plate.starts import Stretch, rough_balances
@@ -377,23 +377,10 @@ class _Problem:
         def white(x: Array) -> Array:
             return np.concatenate((whitening.of(self.residual(x)), self.priors(x)[0]))
 
-        def slopes(x: Array) -> Array:
+        def slopes(x: Array, left: Array) -> Array:
             return np.vstack((whitening.of(self.jacobian(x, self.residual(x))), self.priors(x)[1]))
 
-        inside = np.where(np.isfinite(self.least), 1e-12, 0.0)  # a start on a bound is refused
-        start = np.clip(unknowns, self.least + inside, self.most - inside)
-        found = least_squares(
-            white,
-            start,
-            slopes,
-            (self.least, self.most),
-            x_scale="jac",
-            ftol=1e-10,
-            xtol=1e-12,
-            gtol=1e-12,
-            max_nfev=evaluations,
-        )
-        return found.x, float(found.cost)
+        return least_squares(white, slopes, unknowns, (self.least, self.most), evaluations)
 
 
 @dataclass(frozen=True, eq=False)
