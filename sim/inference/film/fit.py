@@ -45,7 +45,7 @@ from sim.inference.readings.checked_columns import check_noise
 from sim.inference.readings.odd_readings import Column, of_output, of_records
 from sim.inference.readings.output_sense import CLEAR, output_falls, output_sense
 
-RISES: Final = 0.9  # of the output's changes: where fewer go with the temperature, D may fall
+RISES: Final = 0.98  # of the output's changes: where fewer go with the temperature, D may fall; noise is 0.01 at most
 FREE: Final = ("linear", "tanh", "polynomial")  # forms of D that may fall
 AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
 STRAYS: Final = 3  # searches for stray readings: a large one hides a smaller one, and the form of D
