@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.film import FilmModel
+from compensator.thermal.plate import PlateModel
 from sim.inference.film.fit import FilmFit, FilmRecord, identify_film, identify_film_records
 from sim.inference.film.notes import _minor_loops
+from sim.inference.plate.fit import identify_plate
 from tests.sim.inference.identification_films import (
     decaying_profile,
     is_prandtl_ishlinskii,
@@ -117,6 +119,23 @@ def test_a_relay_film_needs_mixed_envelopes_and_d() -> None:
     assert errors[None] < 0.004
     assert errors["extended_generalized_pi"] < 0.012
     assert errors["generalized_pi"] > 2.0 * errors["extended_generalized_pi"]
+
+
+def test_a_noisy_thermometer_does_not_blur_a_film_whose_current_is_known() -> None:
+    """With 0.1 K of noise on 0.1 dec/K a smoothed thermometer costs half as much again as the ohmmeter's noise."""
+    random, time = np.random.default_rng(5), 0.5 * np.arange(4000)
+    turns = np.cumsum(np.append(0.0, random.uniform(60.0, 120.0, 30)))
+    current = np.interp(time, turns, [2.2, *([2.6, -0.2] * 15)] + 0.4 * random.normal(size=31))
+    plate = PlateModel(1.6e-3, 0.06, 0.018, 24.0).simulate(24.0, time, current)
+    film = is_prandtl_ishlinskii(2)
+    measured = outputs(film, plate, "heated") + NOISE * random.normal(size=time.size)
+    seen = plate + 0.1 * random.normal(size=time.size)
+    course = identify_plate(time, seen, current).course_degC[0]
+    fits = [identify_film_records([FilmRecord(time, seen, measured, course_degC=one)]) for one in (None, course)]
+    assert rms(course - plate) < 0.01
+    assert fits[0].rmse > 1.2 * NOISE
+    assert fits[1].rmse < 1.02 * NOISE
+    assert error_elsewhere(fits[1], film) < 0.5 * error_elsewhere(fits[0], film)
 
 
 @pytest.mark.parametrize("background", [-0.06, -0.01, 0.03])
