@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.assembly import emulated_instruments
-from rig.files.configuration import read_configuration
+from rig.config.configuration import read_configuration
 from rig.ports.open import holder
 from rig.ports.pseudo_terminal import PseudoTerminals
 

@@ -18,7 +18,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import rig.bench.assembly
-from rig.files.configuration import read_configuration
+from rig.config.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.world.plant import SimulatedPlant
 

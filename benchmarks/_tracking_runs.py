@@ -25,9 +25,9 @@ from benchmarks._tracked_plant import NOISE_DEC, FilmOfTheClass, FilmOutsideTheC
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
+from rig.config.configuration import read_configuration
+from rig.config.model_file import Model, read_model, write_model
 from rig.experiment.tracking import law_and_design
-from rig.files.configuration import read_configuration
-from rig.files.model_file import Model, read_model, write_model
 
 RATE_DEC_PER_S, DWELL_S, LEVELS = 0.01, 30.0, 6
 SINE_DEC, SINE_S = 0.8, 300.0

@@ -39,10 +39,10 @@ from benchmarks._own_plant import KELVIN, behind_the_instruments
 from benchmarks._tracked_plant import Plate, TrackedPlant
 from benchmarks._tracking_runs import COLD_DEGC, CONFIGURATION, FILMS, HOT_DEGC, NOMINAL, WRONG, WRONG_LAG_S, span
 from compensator.control.law import Law
+from rig.config.configuration import read_configuration
+from rig.config.model_file import Model, read_model
 from rig.experiment.extended_model import chain_observer
 from rig.experiment.tracking import law_and_design
-from rig.files.configuration import read_configuration
-from rig.files.model_file import Model, read_model
 from sim.effects.effect import switched
 from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
 

@@ -145,8 +145,8 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
     them, in the folder."""
     from rig.__main__ import main
     from rig.analysis.no_better import no_better
-    from rig.files.film_output import FALLING_RESISTANCE
-    from rig.files.record_file import read_record
+    from rig.records.film_output import FALLING_RESISTANCE
+    from rig.records.record_file import read_record
     from rig.report.told import CANDIDATE, MODEL
 
     report, err = folder / "first-diagnosis", io.StringIO()

@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from benchmarks._killed_run import KilledRuns  # noqa: E402
-from rig.files.configuration import read_configuration  # noqa: E402
+from rig.config.configuration import read_configuration  # noqa: E402
 from rig.guard.keep_trying import ended  # noqa: E402
 from rig.ports.open import holder  # noqa: E402
 from tests.instruments.disobedient import FAULTS, Disobedient  # noqa: E402

@@ -35,8 +35,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from stop_latency import BENCH, ROOT, Watched, once
 
 from rig.bench.assembly import emulated_instruments
+from rig.config.configuration import read_configuration
 from rig.daemon.client import Client
-from rig.files.configuration import read_configuration
 from rig.history.store import DAY_S, Retention, Store
 from rig.ports.pseudo_terminal import PseudoTerminals
 

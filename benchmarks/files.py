@@ -24,8 +24,8 @@ from _files_truth import Way, truth_of
 from _files_ways import WAYS as FIRST_WAYS
 
 from rig.core.faults import Faults
-from rig.files.column_mapping import ColumnMapping
-from rig.files.record_file import Record, read_record
+from rig.records.column_names import ColumnMapping
+from rig.records.record_file import Record, read_record
 
 WAYS = (*FIRST_WAYS, *FURTHER_WAYS)
 ASKED_PLAIN, ASKED_FLAG = 30, 58

@@ -77,12 +77,12 @@ class Cable:
 def life(folder: Path, seed: int, from_s: float, to_s: float) -> None:
     """One life of the bench process, from a simulated second to another; a line of JSON a simulated hour."""
     import rig.bench.assembly as benches
+    from rig.config.configuration import read_configuration
     from rig.core.clock import VirtualClock
     from rig.core.outcome import Stopped
     from rig.daemon.desk import Desk
     from rig.daemon.keeper import Keeper
     from rig.daemon.systemd import Notifier
-    from rig.files.configuration import read_configuration
     from rig.ports import registry
 
     chance = random.Random(seed)

@@ -44,10 +44,10 @@ from benchmarks._tracking_runs import (
     span,
 )
 from compensator.hysteresis.film import FilmModel
+from rig.config.configuration import read_configuration
+from rig.config.model_file import read_model
 from rig.experiment.extended_model import chain_observer
 from rig.experiment.tracking import law_and_design
-from rig.files.configuration import read_configuration
-from rig.files.model_file import read_model
 from sim.effects.actuator_delay import EFFECT as DELAY
 from sim.effects.effect import switched
 

@@ -218,7 +218,7 @@ def memory(cases: int) -> bool:
 
 def _diagnose(seed: int) -> tuple[str, float]:
     from rig.analysis.diagnosed import diagnosed
-    from rig.files.record import Record
+    from rig.records.record import Record
     from tests.diagnosis.cases import case
 
     truth = case("one", seed, rows=6000)

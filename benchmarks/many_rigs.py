@@ -39,8 +39,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from stop_latency import BENCH, Watched, until
 
 from rig.bench.assembly import emulated_instruments
+from rig.config.configuration import read_configuration
 from rig.daemon.client import Client
-from rig.files.configuration import read_configuration
 from rig.history.tables import connect_to_read
 from rig.ports.pseudo_terminal import PseudoTerminals
 

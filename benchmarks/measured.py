@@ -35,8 +35,8 @@ sys.path.insert(0, str(ROOT))
 import numpy as np  # noqa: E402 - numpy reads these where it is imported
 
 from rig.analysis.diagnosed import diagnosed  # noqa: E402
-from rig.files.record import Record  # noqa: E402
-from rig.files.record_file import ColumnMapping, read_record  # noqa: E402
+from rig.records.record import Record  # noqa: E402
+from rig.records.record_file import ColumnMapping, read_record  # noqa: E402
 from sim.inference.film.selection import rms  # noqa: E402
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from rig.files.effect_tables import effect_in_words  # noqa: E402
+from rig.config.effect_tables import effect_in_words  # noqa: E402
 
 BUSY = "while True: sum(k * k for k in range(100000))"
 LONGEST_S = 900.0

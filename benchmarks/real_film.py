@@ -20,8 +20,8 @@ import numpy as np
 
 from compensator.thermal.plate import PlateModel
 from rig.__main__ import main as peltier
-from rig.files.model_file import Model, write_model
-from rig.files.record_file import ColumnMapping, read_record
+from rig.config.model_file import Model, write_model
+from rig.records.record_file import ColumnMapping, read_record
 from sim.inference.film.fit import identify_film
 
 ASKED_DEC = 0.1

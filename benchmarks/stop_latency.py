@@ -27,8 +27,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rig.bench.assembly import emulated_instruments
+from rig.config.configuration import read_configuration
 from rig.daemon.client import Client, NoDaemon
-from rig.files.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -12,11 +12,11 @@ import sys
 import tempfile
 from pathlib import Path
 
+from rig.config.configuration import ConfigurationFile
+from rig.config.effect_tables import effect_in_words
+from rig.config.model_file import Model, read_model, write_model
+from rig.config.toml_file import read_toml
 from rig.experiment.session import run
-from rig.files.configuration import ConfigurationFile
-from rig.files.effect_tables import effect_in_words
-from rig.files.model_file import Model, read_model, write_model
-from rig.files.toml_text import read_toml
 from rig.rehearsal.simulated import simulated_configuration
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -38,7 +38,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "rig.analysis.prediction_error",
         "rig.analysis.inverted",
         "sim.diagnosis.result",
-        "rig.files.model_file",
+        "rig.config.model_file",
         "rig.core.faults",
         "rig.core.errors",
         "rig.core.outcome",
@@ -84,9 +84,9 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "compensator.control.unknown_memory",
     ),
     "Records": (
-        "rig.files.record",
-        "rig.files.record_file",
-        "rig.files.column_mapping",
+        "rig.records.record",
+        "rig.records.record_file",
+        "rig.records.column_names",
     ),
     "The place to add an effect": (
         "sim.effects.effect",

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from rig.files.record_file import read_record
+from rig.records.record_file import read_record
 from rig.report.figures import COLOURS, SETTINGS
 
 

@@ -13,9 +13,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from rig.config.model_file import Model
     from rig.core.faults import Faults
-    from rig.files.model_file import Model
-    from rig.files.record import Record
     from rig.notebook.bench import open_bench
     from rig.notebook.diagnosis import diagnose
     from rig.notebook.identification import identify
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from rig.notebook.prediction import predict
     from rig.notebook.records import read_record
     from rig.notebook.simulation import simulate
+    from rig.records.record import Record
     from rig.rehearsal.simulated import simulated_rig
     from rig.version import __version__
 

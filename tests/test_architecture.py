@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks import structure
 from rig.__main__ import VERBS
-from rig.files.configuration import read_configuration
+from rig.config.configuration import read_configuration
 
 PACKAGES = ("compensator", "sim", "rig")
 FORBIDDEN_NAMES = {"utils", "util", "helpers", "helper", "manager", "handler", "misc", "common"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.files.model_file import Model
+from rig.config.model_file import Model
 
 FURTHER_K = 1.0  # than the records went: a plate that is sent to the same end twice passes it by as much
 

@@ -20,10 +20,10 @@ from rig.analysis.held_out import require_judging
 from rig.analysis.predicted import missing_inputs, predicted
 from rig.analysis.prediction_error import fitted_values
 from rig.analysis.telling import telling_columns
+from rig.config.model_file import Model
 from rig.core.faults import Faults, fault
-from rig.files.film_output import FALLING_RESISTANCE
-from rig.files.model_file import Model
-from rig.files.record_file import Record
+from rig.records.film_output import FALLING_RESISTANCE
+from rig.records.record_file import Record
 from sim.diagnosis.data.record import Record as Rows
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.diagnose import diagnose

@@ -11,9 +11,9 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.analysis.score import Rows
 from rig.analysis.transition_words import WORDS, document, lines, notes, rows
-from rig.files.film_output import in_decades, sign_of, unit_of
-from rig.files.record import Record
-from rig.files.thermometer_faults import false_lines, false_readings, without
+from rig.records.film_output import in_decades, sign_of, unit_of
+from rig.records.record import Record
+from rig.records.thermometer_faults import false_lines, false_readings, without
 from sim.inference.quantity import untold
 from sim.inference.readings.repeated import repeated_rows
 from sim.inference.readings.temperature_path import temperature_path

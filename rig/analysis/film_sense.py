@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from rig.core.faults import Faults
-from rig.files.film_output import FALLING_RESISTANCE, column_of, other_sense
-from rig.files.record_file import Record
+from rig.records.film_output import FALLING_RESISTANCE, column_of, other_sense
+from rig.records.record_file import Record
 from sim.inference.readings.output_sense import output_falls
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rig.core.faults import Faults
-from rig.files.record import Record, content_digest
+from rig.records.record import Record, content_digest
 
 
 def require_different(records: Sequence[Record]) -> None:

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from compensator.hysteresis.functions import Array
 from rig.analysis.telling import FEWEST, informative
 from rig.core.faults import Faults
-from rig.files.film_output import column_of
-from rig.files.record_file import Record
+from rig.records.film_output import column_of
+from rig.records.record_file import Record
 from sim.diagnosis.data.quantity import Quantity
 from sim.diagnosis.data.record import read_columns
 

@@ -11,13 +11,13 @@ import numpy as np
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.inverse.check import Finding, check_model
+from rig.analysis.earlier_records import seen_degC, told_by
 from rig.analysis.film_numbers import FilmNumbers, doubted, numbers_of_record
 from rig.analysis.film_sense import rising
+from rig.config.model_file import Model
 from rig.core.faults import Faults, fault
-from rig.files.film_output import FALLING_RESISTANCE, column_of
-from rig.files.film_records import seen_degC, told_by
-from rig.files.model_file import Model
-from rig.files.record_file import Record
+from rig.records.film_output import FALLING_RESISTANCE, column_of
+from rig.records.record_file import Record
 from sim.inference.film.compression import Compression, compress
 from sim.inference.film.fit import FilmFit, FilmRecord, identify_film_records
 from sim.inference.plate.fit import PlateFit, PlateRecord, identify_plate_records

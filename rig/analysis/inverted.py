@@ -14,7 +14,7 @@ from compensator.hysteresis.functions import Array
 from compensator.hysteresis.reversal_jumps import reversal_jumps
 from compensator.inverse.inverse import Inverse, Solution
 from rig.core.faults import Faults
-from rig.files.film_output import column_of, in_decades, shown_output, sign_of
+from rig.records.film_output import column_of, in_decades, shown_output, sign_of
 
 if TYPE_CHECKING:
     from sim.model.film_mixing import PhaseMixing

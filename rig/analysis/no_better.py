@@ -11,8 +11,8 @@ import numpy as np
 
 from rig.analysis.predicted import predicted
 from rig.analysis.prediction_error import ChannelError, errors_of
-from rig.files.model_file import Drive, read_model
-from rig.files.record_file import Record
+from rig.config.model_file import Drive, read_model
+from rig.records.record_file import Record
 from sim.diagnosis.validate.gain import gain
 from sim.effects.catalogue import catalogue
 

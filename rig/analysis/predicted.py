@@ -12,10 +12,10 @@ import numpy as np
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
+from rig.config.model_file import Drive, Model
 from rig.core.faults import fault
-from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades
-from rig.files.model_file import Drive, Model
-from rig.files.record_file import Record
+from rig.records.film_output import RISING_RESISTANCE, column_of, in_decades
+from rig.records.record_file import Record
 from sim.diagnosis.data.record import Mask, own_noise, read_columns, told_of
 from sim.diagnosis.data.record import Record as Rows
 from sim.effects.catalogue import catalogue

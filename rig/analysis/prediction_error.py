@@ -11,10 +11,10 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.analysis.predicted import Prediction, needs_test_current
 from rig.analysis.residual import RESIDUAL, residual
+from rig.config.model_file import Drive, Model
 from rig.core.faults import fault
-from rig.files.film_output import column_of, in_decades, sign_of, unit_of
-from rig.files.model_file import Drive, Model
-from rig.files.record_file import Record
+from rig.records.film_output import column_of, in_decades, sign_of, unit_of
+from rig.records.record_file import Record
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.files.film_output import sign_of
+from rig.records.film_output import sign_of
 
 RESIDUAL = "measured - model"
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.residual import residual_dec
-from rig.files.film_output import unit_of
+from rig.records.film_output import unit_of
 
 COUNTED = "over the whole target, its first row to its last"
 TRACK, PROFILE = "track", "profile"  # the phases that follow a target

@@ -8,8 +8,8 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults
-from rig.files.film_output import FALLING_RESISTANCE, column_of, in_decades, unit_of
-from rig.files.record_file import Record
+from rig.records.film_output import FALLING_RESISTANCE, column_of, in_decades, unit_of
+from rig.records.record_file import Record
 
 FEWEST = 40  # rows
 LEAST_K, LEAST_DEC = 0.5, 0.05

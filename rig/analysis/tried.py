@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rig.analysis.diagnosed import rows_of_film
-from rig.files.record_file import Record
+from rig.records.record_file import Record
 from sim.diagnosis.extended_model import ExtendedModel, extended_model
 from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.result import Diagnosis

@@ -12,6 +12,8 @@ from typing import Any, TypeVar
 from rig.bench.output_off import OutputOff
 from rig.bench.serial_numbers import strangers
 from rig.bench.simulation import simulated_world
+from rig.config.configuration import ConfigurationFile
+from rig.config.tables import ControllerTable, MeterTable
 from rig.core.clock import Clock, RealClock, VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, PortHeld, TimedOut, called, of_whom
 from rig.core.faults import Faults, fault
@@ -19,7 +21,6 @@ from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.drivers.meter import ResistanceMeter
 from rig.drivers.registry import check_options, controller_class, meter_class, open_controller, open_meter
-from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable
 from rig.guard.line import UNGUARDED, Guard
 from rig.ports.open import open_elsewhere
 from rig.ports.registry import register, unregister

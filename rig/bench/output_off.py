@@ -6,10 +6,10 @@ rows and its reason down with the output off already.
 
 from __future__ import annotations
 
+from rig.config.tables import ControllerTable
 from rig.core.errors import called
 from rig.core.outcome import NotConfirmedOff, OfOutput
 from rig.drivers.controller import TemperatureController
-from rig.files.configuration import ControllerTable
 from rig.guard.line import UNGUARDED, Guard
 from rig.ports.silence import nobody_answers
 from rig.safety.signals import SignalStop

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from rig.config.configuration import ConfigurationFile
 from rig.drivers.identity import Identity
-from rig.files.configuration import ConfigurationFile
 
 
 def strangers(file: ConfigurationFile, identities: Mapping[str, Identity]) -> list[str]:

@@ -5,12 +5,12 @@ Effects are those of [[simulation.effects]], of [simulation.heat_sink_warmup], a
 
 from __future__ import annotations
 
+from rig.config.configuration import ConfigurationFile
+from rig.config.effect_tables import switched_effects
+from rig.config.model_file import read_model
+from rig.config.tables import ModelFilmTable, RelayFilmTable
 from rig.core.faults import fault
-from rig.files.configuration import ConfigurationFile
-from rig.files.effect_tables import switched_effects
-from rig.files.film_output import in_decades
-from rig.files.model_file import read_model
-from rig.files.simulation_table import ModelFilmTable, RelayFilmTable
+from rig.records.film_output import in_decades
 from sim.effects.effect import Switched, switched
 from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
 from sim.model.film_side import Film

@@ -28,8 +28,8 @@ def main(options: argparse.Namespace) -> int:
 def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
     """The imports are here, on the working process's side of the guard."""
     from rig.command.say import Voice
-    from rig.files.configuration import read_configuration
-    from rig.files.run_folder import default_folder, prepared_folder
+    from rig.config.configuration import read_configuration
+    from rig.records.run_folder import default_folder, prepared_folder
 
     voice = Voice(options.json)
     file = read_configuration(options.config, for_experiment=False)

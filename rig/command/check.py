@@ -24,8 +24,8 @@ from rig.command.say import Voice
 
 if TYPE_CHECKING:
     from rig.bench.assembly import Bench
+    from rig.config.configuration import ConfigurationFile
     from rig.drivers.search import Tried
-    from rig.files.configuration import ConfigurationFile
 
 STOPS = 11  # times that switching off is measured
 
@@ -37,7 +37,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.files.configuration import read_configuration
+    from rig.config.configuration import read_configuration
 
     voice = Voice(options.json)
     file = read_configuration(options.config, for_experiment=False)

@@ -30,8 +30,8 @@ from rig.command.record_arguments import (
 )
 from rig.command.say import Voice
 from rig.core.faults import Faults, fault
-from rig.files.record_file import Record
 from rig.many.journal import is_of_many
+from rig.records.record_file import Record
 
 if TYPE_CHECKING:
     from rig.report.diagnosed_record import Asked
@@ -90,7 +90,7 @@ def main(options: argparse.Namespace) -> int:
         writable_folder(options.report)
     voice = Voice(options.json)
     if options.effect_file:
-        from rig.files.effect_tables import add_effect_files
+        from rig.config.effect_tables import add_effect_files
 
         add_effect_files(options.effect_file)
     if options.budget is not None and not options.budget > 0.0:
@@ -102,7 +102,7 @@ def main(options: argparse.Namespace) -> int:
             expected = f"expected a share from {SMALLEST:g} to {LARGEST:g}"
             raise fault("--false-alarm", f"{options.false_alarm:g}", expected)
     if options.assume:
-        from rig.files.effect_tables import assumed_effects
+        from rig.config.effect_tables import assumed_effects
 
         assumed_effects(options.assume)
     base = _base(options)
@@ -130,7 +130,7 @@ def _base(options: argparse.Namespace) -> str | None:
         return str(options.base)
     if options.model is None:
         return None
-    from rig.files.model_file import read_model
+    from rig.config.model_file import read_model
 
     film = read_model(options.model).film
     if film is None or film.memoryless.function != "none":

@@ -13,7 +13,7 @@ from rig.command.many_progress import ManyProgress
 from rig.command.say import Voice
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
-from rig.files.record import Record, Refused
+from rig.records.record import Record, Refused
 
 if TYPE_CHECKING:
     from rig.report.many_records import Task

@@ -26,7 +26,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.files.configuration import read_configuration
+    from rig.config.configuration import read_configuration
 
     require("emulate")
     if not 1e-6 <= options.speed <= FASTEST:

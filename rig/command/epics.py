@@ -19,9 +19,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     require("epics")
+    from rig.config.configuration import read_configuration
     from rig.daemon.places import socket_of
     from rig.epics.serving import serve
-    from rig.files.configuration import read_configuration
 
     file = read_configuration(options.config, for_experiment=False)
     name = file.content.serve.name

@@ -25,7 +25,7 @@ from rig.guard.needed import add_unguarded_argument, guarded_where_needed, requi
 
 if TYPE_CHECKING:
     from rig.command.say import Voice
-    from rig.files.configuration import ConfigurationFile
+    from rig.config.configuration import ConfigurationFile
     from rig.rehearsal.improvable import Improvable
     from rig.report.improvement import Improvement
 
@@ -54,8 +54,8 @@ def main(options: argparse.Namespace) -> int:
 def _improve(options: argparse.Namespace, guard: Guard) -> int:
     """The imports are here, on the working process's side of the guard."""
     from rig.command.say import Voice
-    from rig.files.effect_tables import add_effect_files
-    from rig.files.run_folder import check_free, default_folder
+    from rig.config.effect_tables import add_effect_files
+    from rig.records.run_folder import check_free, default_folder
     from rig.rehearsal.improvable import improvable
 
     voice = Voice(options.json)
@@ -82,7 +82,7 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice:
     """RUN diagnosed, the report of that in the folder. Raises Faults where nothing can be said of its record."""
     from rig.analysis.gained import as_effects, followed, news
     from rig.core.faults import Faults
-    from rig.files.record_file import read_record
+    from rig.records.record_file import read_record
     from rig.report.diagnosed_record import Asked, told
     from rig.report.improvement import Improvement
     from rig.report.told import CANDIDATE, MODEL
@@ -114,10 +114,10 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice:
 
 def _extended(config: Path, improvement: Improvement) -> ConfigurationFile:
     """What will run, as a file of its own. Raises Faults where the extended model cannot do it."""
+    from rig.config.configuration import read_configuration
+    from rig.config.configuration_text import extended_configuration
+    from rig.core.file_writing import write_text
     from rig.experiment.wanted import wanted
-    from rig.files.configuration import read_configuration
-    from rig.files.extended_configuration import extended_configuration
-    from rig.files.written import write_text
 
     path = improvement.folder / "config.toml"
     write_text(path, extended_configuration(config, improvement.model))
@@ -172,8 +172,8 @@ def _compared(improvement: Improvement, found: Improvable, second: Path) -> Impr
 
 def _told(improvement: Improvement, voice: Voice) -> None:
     """To the terminal, as a page and as JSON."""
-    from rig.files.run_folder import plain_json
-    from rig.files.written import write_text
+    from rig.core.file_writing import write_text
+    from rig.records.run_folder import plain_json
     from rig.report.improvement import lines, write_improvement
 
     write_improvement(improvement)

@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 from rig.core.faults import Faults, fault
-from rig.files.written import write_text
+from rig.core.file_writing import write_text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -26,7 +26,7 @@ from rig.command.record_arguments import (
 )
 from rig.command.say import Voice
 from rig.core.faults import fault
-from rig.files.record_file import print_columns, write_columns
+from rig.records.record_file import print_columns, write_columns
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     from rig.analysis.beyond_seen import beyond_seen
     from rig.analysis.inverted import inverted, jump_warning, target_name
-    from rig.files.model_file import read_model
+    from rig.config.model_file import read_model
 
     if options.out is not None:
         writable_file(options.out)

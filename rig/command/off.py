@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 PATIENCE_S = 5.0  # for a port that cannot be opened
 ENDS_S = 15.0  # all of it but the dead man's time: that patience, an imported driver, the off, a look
 SIMULATED = "sim://"  # how the port of a simulated instrument begins
-DEAD_MAN_S = 5.0  # where the configuration does not say (rig.files.configuration)
+DEAD_MAN_S = 5.0  # where the configuration does not say (rig.config.configuration)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -77,8 +77,8 @@ def _nothing_on(port: str, config: Path, others: list[str], target: str | None) 
 
 def _controller(path: Path) -> Held:
     """What opens the controller, without the schema, which takes longer to load than the rest."""
+    from rig.config.toml_file import read_toml
     from rig.drivers.registry import beside
-    from rig.files.toml_text import read_toml
     from rig.guard.takeover import Held
 
     try:

@@ -12,8 +12,8 @@ from rig.core.faults import Faults
 
 WRITTEN = ("out", "json", "report")
 DOCUMENT = "run.json"  # what tells a run's folder from others
-# What a run's folder has from its run (rig/files/run_folder.py): measured once, or said of what was. A file of another
-# name beside these is whoever's it was, and may be written again.
+# What a run's folder has from its run (rig/records/run_folder.py): measured once, or said of what was. A file of
+# another name beside these is whoever's it was, and may be written again.
 OF_A_RUN = frozenset(
     (DOCUMENT, "record.csv", "record.nc", "events.jsonl", "config.toml", "target.csv", "learned.csv", "predicted.csv")
 ) | {"model.toml", "MODEL.toml", "report.html"}

@@ -23,10 +23,10 @@ from rig.command.record_arguments import (
 )
 from rig.command.say import Voice
 from rig.core.faults import fault
-from rig.files.record_file import Record, write_columns
+from rig.records.record_file import Record, write_columns
 
 if TYPE_CHECKING:
-    from rig.files.model_file import Model
+    from rig.config.model_file import Model
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +53,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.files.model_file import read_model
+    from rig.config.model_file import read_model
 
     if options.out is not None:
         writable_file(options.out)
@@ -61,7 +61,7 @@ def main(options: argparse.Namespace) -> int:
         writable_folder(options.report)
     voice = Voice(options.json)
     if options.effect_file:
-        from rig.files.effect_tables import add_effect_files
+        from rig.config.effect_tables import add_effect_files
 
         add_effect_files(options.effect_file)
     model = read_model(options.model)

@@ -10,13 +10,13 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.config.toml_file import shown
 from rig.core.faults import Faults, fault
-from rig.files.film_output import FALLING_RESISTANCE
-from rig.files.toml_text import shown
+from rig.records.film_output import FALLING_RESISTANCE
 
 if TYPE_CHECKING:
-    from rig.files.branches import Rows
-    from rig.files.record import Record, Refused
+    from rig.records.branches import Rows
+    from rig.records.record import Record, Refused
 
 MOST_NAMED = 3  # files, in a line that is about all of them
 
@@ -45,7 +45,7 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 
 def rows_of(options: argparse.Namespace) -> Rows:
     """What was typed of the order of the rows. Raises Faults."""
-    from rig.files.branches import Rows
+    from rig.records.branches import Rows
 
     if options.period is not None and not 0.0 < options.period < math.inf:
         raise fault("--period", f"{options.period:g}", "expected a number of seconds > 0")
@@ -67,9 +67,9 @@ def read_each(
 ) -> list[Record | Refused]:
     """The same for a verb that goes on without those that are refused, in the order of the paths. Raises Faults where
     none is left."""
-    from rig.files.branches import loops
-    from rig.files.record import Refused
-    from rig.files.record_file import ColumnMapping, read_record
+    from rig.records.branches import loops
+    from rig.records.record import Refused
+    from rig.records.record_file import ColumnMapping, read_record
 
     mappings, rows = [ColumnMapping.parse(text) for text in options.column], rows_of(options)
     found: list[Record | Refused] = []
@@ -108,7 +108,7 @@ def _faults_of(refused: Iterable[Refused]) -> list[str]:
 
 def _read(found: Iterable[Record | Refused]) -> tuple[list[Record], list[Refused]]:
     """Those that were read, and those that were refused."""
-    from rig.files.record import Refused
+    from rig.records.record import Refused
 
     records: list[Record] = []
     refused: list[Refused] = []

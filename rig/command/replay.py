@@ -43,7 +43,7 @@ def main(options: argparse.Namespace) -> int:
 
 def _twin(options: argparse.Namespace, voice: object) -> int:
     from rig.command.say import Voice
-    from rig.files.record_file import write_columns
+    from rig.records.record_file import write_columns
     from rig.rehearsal.replayed import twin_configuration
     from rig.rehearsal.simulated import simulate, target_error
 

@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.config.toml_file import shown
 from rig.core.faults import fault
-from rig.files.toml_text import shown
 
 if TYPE_CHECKING:
     from rig.report.run_rows import RunRows

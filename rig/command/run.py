@@ -28,7 +28,7 @@ def main(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace, guard: Guard) -> int:
     """The imports are here, on the working process's side of the guard."""
     from rig.command.say import Voice
-    from rig.files.configuration import read_configuration
+    from rig.config.configuration import read_configuration
 
     voice = Voice(options.json)
     file = read_configuration(options.config)

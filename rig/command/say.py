@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.command.record_arguments import writable_file
-from rig.files.run_folder import plain_json
-from rig.files.written import write_text
+from rig.core.file_writing import write_text
+from rig.records.run_folder import plain_json
 
 if TYPE_CHECKING:
     from rig.command.progress import Progress

@@ -27,8 +27,8 @@ def main(options: argparse.Namespace) -> int:
 
 def _serve(options: argparse.Namespace, guard: Guard) -> int:
     """The bench process: the guard's child where ports are real."""
+    from rig.config.configuration import read_configuration
     from rig.daemon.serving import bench_of, serve
-    from rig.files.configuration import read_configuration
 
     file, notes = bench_of(read_configuration(options.config, for_experiment=False), options.address, options.port)
     return serve(file, notes, guard)

@@ -31,7 +31,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     from rig.command.say import Voice
-    from rig.files.record_file import write_columns
+    from rig.records.record_file import write_columns
     from rig.rehearsal.simulated import read_simulation, simulate
 
     writable_file(options.out)

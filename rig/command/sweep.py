@@ -39,7 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     from rig.command.many_progress import ManyProgress
     from rig.command.say import Voice
-    from rig.files.record import Refused
+    from rig.records.record import Refused
     from rig.rehearsal.swept import read_sweep, row_in_words, sweep
 
     voice = Voice(options.json)

@@ -27,7 +27,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.analysis.trend import series_of
     from rig.command.many_progress import ManyProgress
     from rig.command.say import Voice
-    from rig.files.runs_in import runs_in
+    from rig.records.run_folder import runs_in
     from rig.rehearsal.run_diagnoses import diagnose_runs
     from rig.report.trend import write_trend_report
 

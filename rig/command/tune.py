@@ -34,13 +34,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    from rig.config.configuration import read_configuration
+    from rig.config.model_file import read_model
     from rig.experiment.own_pid import own_tuning
     from rig.experiment.summaries import design_table
     from rig.experiment.tracking import law_and_design, timing_of
     from rig.experiment.tuning import film_cycles, law_table, own_table, tuned_law
-    from rig.files.configuration import read_configuration
-    from rig.files.film_output import column_of, in_decades, unit_of
-    from rig.files.model_file import read_model
+    from rig.records.film_output import column_of, in_decades, unit_of
 
     if options.report is not None:
         writable_folder(options.report)

@@ -14,7 +14,7 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
-from rig.files.film_output import FALLING_RESISTANCE, column_of, in_decades, ohm, sign_of, unit_of
+from rig.records.film_output import FALLING_RESISTANCE, column_of, in_decades, ohm, sign_of, unit_of
 
 LAW_SPAN: Final = 2.0  # of a film's major loop, in the law's unit: the decades of a usual VO2 film
 

@@ -12,11 +12,11 @@ from compensator.control.law import Law
 from compensator.control.law_step import Inputs, LawState
 from compensator.control.reference_shaping import Reference
 from compensator.hysteresis.film import Memory
+from rig.config.target import Target
 from rig.control.decision import AT_THE_TICK, Decision, ReadAt
 from rig.control.law_units import LawUnits, plain_units
 from rig.control.loop import Loop
-from rig.files.film_output import ohm
-from rig.files.target import Target
+from rig.records.film_output import ohm
 
 MODEL_LACKS: Final = "model_lacks"  # of a correction: taken off the readings and the target; else added to the target
 SAME_READING_S: Final = 1e-6  # between the stamps of one reading that is given twice: rounding

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.serial_numbers import strangers
+from rig.config.configuration import ConfigurationFile, configuration_of, read_configuration
+from rig.config.configuration_text import without_secrets
+from rig.config.schema import Table
+from rig.config.toml_file import parsed_toml, read_text, shown
 from rig.core.faults import Faults, fault
 from rig.drivers.identity import Identity
 from rig.drivers.registry import is_own
-from rig.files.configuration import ConfigurationFile, configuration_of, read_configuration
-from rig.files.secret_keys import without_secrets
-from rig.files.toml_file import Table
-from rig.files.toml_text import parsed_toml, read_text, shown
 
 LARGEST_FILE = 1_000_000  # bytes
 # What to do and how to compute it. [simulation] is of a rig that is built already, [serve] is the daemon's own, [epics]

@@ -9,7 +9,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from rig.files.json_numbers import finite
+from rig.core.json_text import finite
 
 WAITING = 500  # lines for one listener
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import SecretStr
 
+from rig.config.configuration import read_configuration
 from rig.core.faults import Faults
 from rig.daemon.admission import by_name, by_text, configurations
 from rig.daemon.client import CALIBRATION
@@ -16,7 +17,6 @@ from rig.daemon.desk import HISTORY, Desk
 from rig.daemon.hold import USUAL_S, hold_of
 from rig.daemon.job import Job
 from rig.daemon.latching import NotCleared
-from rig.files.configuration import read_configuration
 
 LONGEST_REASON = 2000  # characters, a page of text: reasons are kept in the history
 PRESSES_KEPT = 100  # of STOP: the page's second copy of a press comes within seconds

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from rig.core.faults import Faults
+from rig.core.file_writing import write_text
 from rig.daemon.client import Client, NoDaemon, daemons
-from rig.files.written import write_text
 
 NONE_RUNS = "no daemon runs here (`peltier serve CONFIG` starts one)"
 

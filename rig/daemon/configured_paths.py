@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rig.files.configuration import ConfigurationFile
+from rig.config.configuration import ConfigurationFile
 
 
 def history_folder(file: ConfigurationFile) -> Path:

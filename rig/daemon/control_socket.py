@@ -31,9 +31,9 @@ from pathlib import Path
 from typing import Any
 
 from rig.core.file_lock import locked, tell_holder
+from rig.core.json_text import parsed_json, usable
 from rig.daemon.announce import encoded
 from rig.daemon.answers import Answers, Refusal
-from rig.files.json_text import parsed_json, usable
 
 LONGEST_LINE = 2_000_000  # bytes: a configuration of 1 MB, escaped
 MOST_CONNECTIONS = 64

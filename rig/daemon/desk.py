@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
+from rig.config.configuration import ConfigurationFile
 from rig.control.tick import Ticks
 from rig.core.clock import Clock
 from rig.core.errors import PortHeld
@@ -32,10 +33,9 @@ from rig.daemon.latching import Latching
 from rig.daemon.webhook import post
 from rig.daemon.words import job_in_words, span
 from rig.drivers.identity import Identity
-from rig.files.configuration import ConfigurationFile
-from rig.files.run_folder import check_free, default_folder
 from rig.history.store import Retention, Store
 from rig.history.writer import Writer
+from rig.records.run_folder import check_free, default_folder
 from rig.safety.after_off import AfterOff
 
 HISTORY = "history.sqlite"

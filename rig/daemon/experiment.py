@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.assembly import Bench
+from rig.config.configuration import ConfigurationFile
 from rig.control.tick import Tick
 from rig.experiment.calibration import Calibration
 from rig.experiment.expected import Phases, expected_calibration, expected_run
 from rig.experiment.session import Result, Session, calibrate, run_on
 from rig.experiment.wanted import wanted
-from rig.files.configuration import ConfigurationFile
-from rig.files.run_folder import RunFolder, prepared_folder
+from rig.records.run_folder import RunFolder, prepared_folder
 from rig.report.run import write_live_report
 from rig.safety.signals import SignalStop
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.config.toml_file import read_toml
 from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff, Stopped
 from rig.core.terminal_line import TerminalLine
@@ -27,7 +28,6 @@ from rig.daemon.asking import checked, one_daemon, report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
 from rig.daemon.ended_before import LOOK_AGAIN_S, end_of_the_last_run
 from rig.daemon.words import in_a_line, off_in_words
-from rig.files.toml_text import read_toml
 from rig.safety.signals import SignalStop
 
 HOLDING = ("tripped", "stopped", "offline")

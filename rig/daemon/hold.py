@@ -10,11 +10,11 @@ import re
 from pathlib import Path
 from typing import Any
 
+from rig.config.configuration import ConfigurationFile, configuration_of
+from rig.config.model_file import read_model
+from rig.config.toml_file import parsed_toml, shown
 from rig.core.clock import DAY_S
 from rig.core.faults import Faults, fault
-from rig.files.configuration import ConfigurationFile, configuration_of
-from rig.files.model_file import read_model
-from rig.files.toml_text import parsed_toml, shown
 
 USUAL_S = 600.0  # of a hold whose time nobody gives: long enough to look at a film, too short to be forgotten
 LONGEST_S = 7 * DAY_S  # longer holds are written down in a configuration

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rig.config.configuration import ConfigurationFile
 from rig.core.outcome import Outcome
-from rig.files.configuration import ConfigurationFile
 
 KEPT = 200  # ended jobs that are told of
 FOLLOWED = 8  # of them with all that they said and gave, which is much

@@ -24,7 +24,7 @@ from rig.daemon.row import row_of
 from rig.experiment.calibration import Calibration
 from rig.experiment.expected import Phases, still_to_come
 from rig.experiment.summaries import calibration_summary, summary
-from rig.files.run_folder import part_of
+from rig.records.run_folder import part_of
 from rig.safety.after_off import NO_VOICE, AfterOff
 from rig.safety.bench_watch import BenchWatch
 

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from rig.bench.assembly import Bench, open_bench
+from rig.config.configuration import ConfigurationFile
 from rig.core.errors import Disconnected, InstrumentError, PortHeld, RigError
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, Stopped
@@ -27,7 +28,6 @@ from rig.daemon.systemd import EndTold, Notifier
 from rig.daemon.worker import Worker
 from rig.drivers.controller import TemperatureController
 from rig.drivers.heater_drive import drive_unit
-from rig.files.configuration import ConfigurationFile
 from rig.guard.line import UNGUARDED, Guard, say_who_died
 from rig.safety.signals import SignalStop
 from rig.safety.switching_off import BY_ITS_DEAD_MAN, MARGIN_S, confirmed_by, looks_off

@@ -6,6 +6,7 @@ from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
 from rig.bench.assembly import open_bench
+from rig.config.configuration import ConfigurationFile
 from rig.core.clock import RealClock
 from rig.core.errors import PortHeld, RigError
 from rig.core.faults import Faults, fault
@@ -23,7 +24,6 @@ from rig.daemon.places import socket_to_make
 from rig.daemon.systemd import EndTold, Notifier, watchdog_s
 from rig.daemon.web_process import WebProcess
 from rig.drivers.registry import controller_class
-from rig.files.configuration import ConfigurationFile
 from rig.guard.line import Guard
 from rig.history.alone import Alone
 

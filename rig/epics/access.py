@@ -10,7 +10,7 @@ from __future__ import annotations
 import ipaddress
 from collections.abc import MutableMapping
 
-from rig.files.epics_table import EpicsTable
+from rig.config.tables import EpicsTable
 
 READ, STOP, WRITE = "DEFAULT", "STOP", "WRITE"  # groups of records
 EVERYWHERE = "0.0.0.0"

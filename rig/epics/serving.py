@@ -13,13 +13,13 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from rig.config.configuration import ConfigurationFile
 from rig.core.errors import RigError
 from rig.core.extras import to_install
 from rig.core.faults import fault
 from rig.daemon.client import Client, NoDaemon
 from rig.epics.access import access_list, listen
 from rig.epics.questions import Place
-from rig.files.configuration import ConfigurationFile
 
 SILENCE_S = 7.5  # the daemon says its state at least every 5 s
 AGAIN_S = 1.0

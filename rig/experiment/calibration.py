@@ -24,6 +24,9 @@ from compensator.hysteresis.functions import Array
 from compensator.inverse.check import Finding, check_model
 from compensator.thermal.plate import Kind
 from rig.analysis.film_numbers import FilmNumbers, believed_degC, doubted, numbers_of_run, plate_course
+from rig.config.configuration import Configuration
+from rig.config.model_file import Model, write_model
+from rig.config.target import Target
 from rig.control.loop import Loop
 from rig.control.policies import Follow, temperature_now, warmed_up
 from rig.core.faults import fault
@@ -32,11 +35,8 @@ from rig.drivers.heater_drive import cools
 from rig.experiment.extended_model import plate_observer
 from rig.experiment.minor_loops import fitted_and_checked, minor_turning_points, transition_range
 from rig.experiment.pulses import check_same_plate, heat_by_pulses, plate_of_pulses
-from rig.files.configuration import Configuration
-from rig.files.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
-from rig.files.model_file import Model, write_model
-from rig.files.run_folder import RunFolder, at_its_end
-from rig.files.target import Target
+from rig.records.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
+from rig.records.run_folder import RunFolder, at_its_end
 from rig.safety.first_plate import KnownPlate
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from sim.effects.actuator_delay import EFFECT as ACTUATOR_DELAY

@@ -10,13 +10,13 @@ from itertools import pairwise
 from typing import Protocol
 
 from compensator.thermal.plate import PlateModel
+from rig.config.configuration import Configuration
+from rig.config.model_file import Model
+from rig.config.target import Target
 from rig.control.tick import Tick
 from rig.experiment.calibration import calibration_range
 from rig.experiment.minor_loops import fitted_and_checked, minor_turning_points
 from rig.experiment.pulses import PULSE_S
-from rig.files.configuration import Configuration
-from rig.files.model_file import Model
-from rig.files.target import Target
 
 Phases = list[tuple[str, float]]
 

@@ -14,8 +14,8 @@ import numpy as np
 from compensator.control.law_step import LawName
 from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
+from rig.config.target import Target
 from rig.control.law_units import LawUnits
-from rig.files.target import Target
 from rig.safety.first_plate import KnownPlate
 from sim.effects.effect import Switched
 from sim.model.chain import ChainModel

@@ -13,11 +13,11 @@ from compensator.hysteresis.reversal_jumps import reversal_jumps
 from compensator.inverse.branch_plan import branch_plan
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
+from rig.config.configuration import Configuration
+from rig.config.target import Target
 from rig.control.law_units import LawUnits
 from rig.core.faults import Faults, fault
 from rig.drivers.heater_drive import OF_FULL_DRIVE
-from rig.files.configuration import Configuration
-from rig.files.target import Target
 
 UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open; of two decades, whatever the output
 USUAL_K_PER_S = 1.0  # of a plate that nobody has measured yet

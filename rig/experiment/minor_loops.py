@@ -6,7 +6,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.core.outcome import Unsuitable
-from rig.files.run_folder import RunFolder
+from rig.records.run_folder import RunFolder
 from sim.inference.readings.output_sense import output_falls
 
 MEAN_ROWS = 17  # of a lagging thermometer, before its slope is taken

@@ -19,12 +19,12 @@ from dataclasses import replace
 import numpy as np
 
 from compensator.thermal.plate import PlateModel
+from rig.config.configuration import Configuration
 from rig.control.decision import AT_THE_TICK, Decision, ReadAt
 from rig.control.loop import Loop
 from rig.core.outcome import Tripped
 from rig.core.reading import Reading
 from rig.drivers.heater_drive import cools
-from rig.files.configuration import Configuration
 from rig.safety.bench_watch import OFF, BenchWatch, Sent
 from rig.safety.first_plate import KnownPlate, first_plate
 from rig.safety.interlock import Limits

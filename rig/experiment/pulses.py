@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from compensator.thermal.plate import Kind
+from rig.config.configuration import Configuration
+from rig.config.target import Target
 from rig.control.loop import Loop
 from rig.control.policies import CurrentProfile
 from rig.core.outcome import Tripped
 from rig.drivers.heater_drive import cools
-from rig.files.configuration import Configuration
-from rig.files.run_folder import RunFolder
-from rig.files.target import Target
+from rig.records.run_folder import RunFolder
 from rig.safety.first_plate import OF_A_PULSE, OF_PULSES, KnownPlate
 from sim.inference.plate.fit import identify_plate
 

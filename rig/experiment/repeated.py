@@ -25,12 +25,12 @@ from compensator.control.learning import learned
 from compensator.control.model_error import lacking
 from compensator.hysteresis.functions import Array
 from rig.analysis.score import TRACK, rms, tracking_error
+from rig.config.model_file import Model
+from rig.config.target import Target
 from rig.control.policies import MODEL_LACKS
 from rig.core.faults import fault
-from rig.files.model_file import Model
-from rig.files.record_file import read_record, write_columns
-from rig.files.run_folder import RunFolder
-from rig.files.target import Target
+from rig.records.record_file import read_record, write_columns
+from rig.records.run_folder import RunFolder
 
 USED, LEARNED, CORRECTION = "correction.csv", "learned.csv", "correction"
 LARGEST_DEC: Final = 0.2  # a model that is off by more is wrong in kind: learning would drive the film elsewhere

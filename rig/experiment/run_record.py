@@ -17,6 +17,7 @@ import numpy as np
 
 from rig.bench.assembly import Bench
 from rig.bench.output_off import OutputOff
+from rig.config.configuration import ConfigurationFile
 from rig.control.loop import Loop
 from rig.control.tick import Progress, Tick
 from rig.core.columns import OF_A_RUN
@@ -24,9 +25,8 @@ from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.drivers.heater_drive import drive_unit
 from rig.drivers.meter import LOG_RESISTANCE
-from rig.files.configuration import ConfigurationFile
-from rig.files.run_folder import RunFolder, plain_json
 from rig.guard.line import say_who_died
+from rig.records.run_folder import RunFolder, plain_json
 from rig.safety.after_off import NO_VOICE, looked_at
 from rig.safety.interlock import Limits
 from rig.safety.signals import SignalStop

@@ -17,6 +17,9 @@ from compensator.control.law_step import LawName
 from compensator.thermal.plate import Kind
 from rig.analysis.score import COUNTED, Score, largest, profile_error, rms
 from rig.bench.assembly import Bench, open_bench
+from rig.config.configuration import ConfigurationFile
+from rig.config.model_file import Model, write_model
+from rig.config.target import Target, column_of_target
 from rig.control.loop import Loop
 from rig.control.policies import CurrentProfile, Follow, Setpoints
 from rig.control.tick import Progress, Tick
@@ -34,12 +37,9 @@ from rig.experiment.steady_meter import allow_test_current, largest_test_current
 from rig.experiment.summaries import calibration_notes, calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.experiment.wanted import TRACKING, check_feasible, wanted
-from rig.files.configuration import ConfigurationFile
-from rig.files.model_file import Model, write_model
-from rig.files.record_file import write_columns
-from rig.files.run_folder import PREDICTED, RunFolder, default_folder, part_of, prepared_folder
-from rig.files.target import Target, column_of_target
 from rig.guard.line import UNGUARDED, Guard
+from rig.records.record_file import write_columns
+from rig.records.run_folder import PREDICTED, RunFolder, default_folder, part_of, prepared_folder
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from rig.safety.signals import SignalStop
 

@@ -13,11 +13,11 @@ import math
 import numpy as np
 
 from rig.analysis.predicted import needs_test_current
+from rig.config.configuration import Configuration
+from rig.config.model_file import Model
+from rig.config.target import Target
 from rig.control.loop import Loop
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter
-from rig.files.configuration import Configuration
-from rig.files.model_file import Model
-from rig.files.target import Target
 
 BEYOND = 1.1  # of the target's ends: a film off by 0.04 decades still finds its range
 

@@ -24,6 +24,9 @@ from compensator.hysteresis.film import FilmModel
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
 from rig.analysis.score import Score, score
+from rig.config.configuration import Configuration
+from rig.config.model_file import Model
+from rig.config.target import Target
 from rig.control.law_units import LawUnits, in_law_units, law_units
 from rig.control.loop import Loop
 from rig.control.policies import Branches, Follow, handed_over, temperature_now, warmed_up
@@ -31,9 +34,6 @@ from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import COMPENSATED, chain_observer, own_target
 from rig.experiment.feasible import Course, check_target
-from rig.files.configuration import Configuration
-from rig.files.model_file import Model
-from rig.files.target import Target
 
 HOT_DWELL_S = 3.0  # at the hot end, until film and thermometer have followed
 OUTPUT_AGE_S, ACTS_AFTER_S = 0.044, 0.010  # of a Keithley 2000 at 19200 Bd, and of a controller at 57600 Bd

@@ -42,11 +42,11 @@ from compensator.control.whole_law import (
     worst_ms,
 )
 from compensator.hysteresis.film import FilmModel
+from rig.config.configuration import Configuration
+from rig.config.model_file import Model
 from rig.experiment.extended_model import COMPENSATED, chain_observer
 from rig.experiment.own_pid import OwnTuning, own_pid
 from rig.experiment.tracking import law_and_design
-from rig.files.configuration import Configuration
-from rig.files.model_file import Model
 
 LARGEST_MS, LEAST_PHASE_DEG = 2.0, 30.0  # Ms 2: L keeps half its distance to -1, and bears a factor of 2 in gain
 MILDEST_MS = 1.1  # milder gains hardly follow

@@ -7,6 +7,9 @@ from typing import Any, cast
 
 from rig.analysis.beyond_seen import beyond_seen
 from rig.analysis.predicted import needs_test_current
+from rig.config.configuration import Configuration, ConfigurationFile
+from rig.config.model_file import Model, read_model
+from rig.config.target import Target, read_target, target_in_words
 from rig.control.law_units import in_law_units, law_units
 from rig.core.faults import Faults, fault
 from rig.experiment.calibration import calibration_range
@@ -23,10 +26,7 @@ from rig.experiment.feasible import (
     order_warning,
 )
 from rig.experiment.repeated import LEARNED, read_correction
-from rig.files.configuration import Configuration, ConfigurationFile
-from rig.files.film_output import FALLING_RESISTANCE, in_decades, other_sense
-from rig.files.model_file import Model, read_model
-from rig.files.target import Target, read_target, target_in_words
+from rig.records.film_output import FALLING_RESISTANCE, in_decades, other_sense
 
 QUANTITY = {
     "track_resistance": "resistance",
@@ -38,7 +38,7 @@ TRACKING = ("track_resistance", "track_output")
 
 
 def quantity_of(configuration: Configuration) -> str:
-    """What the target is of: see `rig.files.target.Target`."""
+    """What the target is of: see `rig.config.target.Target`."""
     e, meter = configuration.experiment, configuration.bench.meter
     if e.kind != "track_output":
         return QUANTITY[e.kind]

@@ -12,7 +12,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from rig.files.written import replaced
+from rig.core.file_writing import replaced
 
 DIED = "process_died"
 REPORT_S = 60.0  # loading what draws takes some seconds on a small computer, drawing hours of rows some more

@@ -11,13 +11,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.config.toml_file import read_toml
 from rig.core.faults import Faults, fault
-from rig.files.toml_text import read_toml
 from rig.guard.line import UNGUARDED, Guard
 from rig.guard.process import guarded
 
 if TYPE_CHECKING:
-    from rig.files.configuration import ConfigurationFile
+    from rig.config.configuration import ConfigurationFile
 
 
 def has_real_ports(configuration: Path) -> bool:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from rig.core.faults import fault
-from rig.files.written import naming, replaced
+from rig.core.file_writing import naming, replaced
 
 LINES, TIMES = "cases.jsonl", "times.csv"
 LOST = "lost"  # the status of a case whose process died: it is tried again when the command is given again

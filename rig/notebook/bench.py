@@ -18,6 +18,8 @@ from typing import Any
 from rig.analysis.score import Score
 from rig.bench.assembly import Bench
 from rig.bench.assembly import open_bench as assembled
+from rig.config.configuration import ConfigurationFile, configuration_of
+from rig.config.model_file import Model
 from rig.core.outcome import NotConfirmedOff, Stopped
 from rig.core.python_words import in_python
 from rig.core.reading import Reading
@@ -26,14 +28,12 @@ from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, settled_reading
 from rig.experiment.session import Session, calibrate, run_on
 from rig.experiment.wanted import wanted
-from rig.files.configuration import ConfigurationFile, configuration_of
-from rig.files.model_file import Model
-from rig.files.record import Record
-from rig.files.record_file import read_record
-from rig.files.run_folder import default_folder, prepared_folder
 from rig.guard.line import UNGUARDED
 from rig.guard.needed import require_who_switches_off
 from rig.notebook.configuration import tables_of, text_of
+from rig.records.record import Record
+from rig.records.record_file import read_record
+from rig.records.run_folder import default_folder, prepared_folder
 from rig.report.run import write_live_report
 from rig.safety.signals import NotebookStop, SignalStop
 

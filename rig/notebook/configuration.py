@@ -10,8 +10,8 @@ from typing import Any
 
 import tomli_w
 
+from rig.config.toml_file import read_toml
 from rig.core.faults import fault
-from rig.files.toml_text import read_toml
 
 NO_FILE = Path("configuration")  # what messages call tables that stand in no file
 

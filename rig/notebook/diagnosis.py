@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rig.analysis.diagnosed import diagnosed, model_of
+from rig.config.effect_tables import add_effect_files, assumed
+from rig.config.model_file import Model
 from rig.core.faults import fault
 from rig.core.python_words import in_python
-from rig.files.effect_tables import add_effect_files, assumed
-from rig.files.film_output import FALLING_RESISTANCE
-from rig.files.model_file import Model
 from rig.notebook.records import as_records
 from rig.notebook.shown import Shown
+from rig.records.film_output import FALLING_RESISTANCE
 from rig.report.diagnosis_lines import lines
 from sim.diagnosis.result import Diagnosis
 
@@ -48,7 +48,7 @@ class RecordDiagnosis(Shown):
 
     def write_report(self, folder: Path | str) -> Path:
         """report.html with all figures, diagnosis.json and model.toml in a folder; its page. Raises OSError."""
-        from rig.files.model_file import write_model
+        from rig.config.model_file import write_model
         from rig.report.diagnosis import write_diagnosis_report
         from rig.report.model_comment import model_comment
 

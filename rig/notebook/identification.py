@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from rig.analysis.film_numbers import FilmNumbers
 from rig.analysis.identified import AskedFit, Identified, identified
+from rig.config.model_file import Model
 from rig.core.python_words import in_python
-from rig.files.film_output import FALLING_RESISTANCE
-from rig.files.model_file import Model
 from rig.notebook.records import as_records
 from rig.notebook.shown import Shown
+from rig.records.film_output import FALLING_RESISTANCE
 from rig.report.identified_records import compared, in_words
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from rig.config.model_file import Model
+from rig.config.model_file import read_model as read_file
+from rig.config.model_file import write_model as write_file
 from rig.core.faults import fault
-from rig.files.model_file import Model
-from rig.files.model_file import read_model as read_file
-from rig.files.model_file import write_model as write_file
 
 
 def read_model(path: str | PathLike[str]) -> Model:

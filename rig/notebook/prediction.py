@@ -19,13 +19,13 @@ from rig.analysis.prediction_error import (
     require_something_to_predict,
     room_note,
 )
+from rig.config.effect_tables import add_effect_files
 from rig.core.python_words import in_python
 from rig.experiment.feasible import order_warning
-from rig.files.effect_tables import add_effect_files
-from rig.files.record import Record
 from rig.notebook.models import as_model
 from rig.notebook.records import as_record
 from rig.notebook.shown import Shown
+from rig.records.record import Record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

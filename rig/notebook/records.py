@@ -10,10 +10,10 @@ from typing import Any
 
 from rig.core.faults import fault
 from rig.core.python_words import in_python
-from rig.files.branches import Rows, loops
-from rig.files.column_mapping import ColumnMapping
-from rig.files.record import Record
-from rig.files.record_file import read_record as read_file
+from rig.records.branches import Rows, loops
+from rig.records.column_names import ColumnMapping
+from rig.records.record import Record
+from rig.records.record_file import read_record as read_file
 
 NEEDED = ("temperature_degC",)
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from rig.core.outcome import Tripped
 from rig.core.python_words import in_python
-from rig.files.record import Record
 from rig.notebook.configuration import tables_of, text_of
+from rig.records.record import Record
 from rig.rehearsal.simulated import read_effects, simulated_configuration, simulated_rig
 from rig.rehearsal.simulated import simulate as simulated
 

@@ -18,10 +18,9 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 
+from rig.config.schema import ReachableName, Table, checked
+from rig.config.toml_file import parsed_toml, read_text
 from rig.core.faults import fault
-from rig.files.reachable_name import ReachableName
-from rig.files.toml_file import Table, checked
-from rig.files.toml_text import parsed_toml, read_text
 from rig.web.names import LOOPBACK
 
 MOST_BENCHES = 200  # on one page: beyond that nobody looks at all of them

@@ -13,14 +13,14 @@ from typing import Any
 
 from rig.analysis.gained import same_target
 from rig.analysis.no_better import names_of, no_better
+from rig.config.configuration import ConfigurationFile, read_configuration
+from rig.config.model_file import read_model
+from rig.config.target import read_target
 from rig.core.faults import Faults
 from rig.experiment.extended_model import COMPENSATED
 from rig.experiment.wanted import TRACKING, quantity_of, target_of
-from rig.files.configuration import ConfigurationFile, read_configuration
-from rig.files.film_output import FALLING_RESISTANCE
-from rig.files.model_file import read_model
-from rig.files.record_file import Record
-from rig.files.target import read_target
+from rig.records.film_output import FALLING_RESISTANCE
+from rig.records.record_file import Record
 from rig.report.run_rows import LAW, RunRows, ended_early, recorded_run
 from sim.effects.catalogue import catalogue
 

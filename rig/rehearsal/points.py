@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.config.configuration import ConfigurationFile
+from rig.config.effect_tables import add_effect_files, effect_in_words, switched_effects
+from rig.config.tables import SweepTable
 from rig.core.faults import Faults, fault
-from rig.files.configuration import ConfigurationFile
-from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
-from rig.files.sweep_table import SweepTable
 from rig.rehearsal.simulated import simulated_configuration, table_in
 
 

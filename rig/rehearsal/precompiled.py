@@ -15,8 +15,8 @@ from rig.analysis.diagnosed import diagnosed
 from rig.analysis.identified import AskedFit, identified
 from rig.analysis.inverted import inverted
 from rig.analysis.predicted import predicted
-from rig.files.model_file import Model
-from rig.files.record import Record
+from rig.config.model_file import Model
+from rig.records.record import Record
 from rig.rehearsal.simulated import simulate, simulated_configuration, simulated_rig
 from sim.diagnosis.data.noise_model import NoiseModel
 

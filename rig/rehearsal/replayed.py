@@ -12,22 +12,22 @@ from typing import Any, cast
 import numpy as np
 
 from rig.analysis.score import tracked
+from rig.config.configuration import ConfigurationFile, configuration_of
+from rig.config.model_file import plate_table, read_model
+from rig.config.target import read_target
+from rig.config.toml_file import read_text, read_toml, shown
 from rig.control.decision import Policy, Predicts, read_at
 from rig.control.loop import Loop
 from rig.control.own_law import law_of
 from rig.control.policies import Follow
 from rig.core.faults import fault
+from rig.core.json_text import parsed_json
 from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.repeated import USED, read_correction
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.experiment.wanted import TRACKING, quantity_of
-from rig.files.configuration import ConfigurationFile, configuration_of
-from rig.files.json_text import parsed_json
-from rig.files.model_file import plate_table, read_model
-from rig.files.record_file import Record, read_record
-from rig.files.run_folder import versions
-from rig.files.target import read_target
-from rig.files.toml_text import read_text, read_toml, shown
+from rig.records.record_file import Record, read_record
+from rig.records.run_folder import versions
 from rig.rehearsal.simulated import simulated_configuration, table_in
 from rig.safety.plate_watch import watchable_rate_K_per_s
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from rig.core.faults import Faults
-from rig.files.record_file import read_record
-from rig.files.runs_in import RunInFolder
 from rig.many.cases import Case
 from rig.many.computed import compute_missing
 from rig.many.engine import Engine, EngineChoice
 from rig.many.journal import Journal
+from rig.records.record_file import read_record
+from rig.records.run_folder import RunInFolder
 from rig.rehearsal.swept import in_a_line, of_record
 
 Row = dict[str, Any]

@@ -16,16 +16,16 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.analysis.score import largest, profile_error, rms, tracked, tracking_error
 from rig.bench.simulation import simulated_world
+from rig.config.configuration import ConfigurationFile, configuration_of
+from rig.config.effect_tables import add_effect_files, effect_in_words, switched_effects
+from rig.config.toml_file import read_text, read_toml
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Tripped
 from rig.experiment.expected import Onlooker
 from rig.experiment.session import run
 from rig.experiment.wanted import target_of
-from rig.files.configuration import ConfigurationFile, configuration_of
-from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
-from rig.files.record_file import read_record
-from rig.files.run_folder import part_of
-from rig.files.toml_text import read_text, read_toml
+from rig.records.record_file import read_record
+from rig.records.run_folder import part_of
 from sim.effects.effect import Switched
 from sim.world.open_loop import simulate_record
 from sim.world.plant import stamp_s

@@ -10,19 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.config.configuration_text import contents_named
+from rig.config.schema import checked
+from rig.config.tables import SweepFile, SweepTable, What
+from rig.config.toml_file import read_toml
 from rig.core.errors import RigError
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Outcome
-from rig.files.named_files import contents_named
-from rig.files.record import Refused, content_digest
-from rig.files.record_file import Record, read_record, write_columns
-from rig.files.sweep_table import SweepFile, SweepTable, What
-from rig.files.toml_file import checked
-from rig.files.toml_text import read_toml
 from rig.many.cases import Case
 from rig.many.computed import compute_missing
 from rig.many.engine import Engine, EngineChoice, given
 from rig.many.journal import Journal
+from rig.records.record import Refused, content_digest
+from rig.records.record_file import Record, read_record, write_columns
 from rig.rehearsal.points import Point, check_points, configuration_at, points_of
 from rig.rehearsal.simulated import simulate, target_error
 from rig.version import __version__

@@ -8,7 +8,7 @@ from typing import Any
 from compensator.hysteresis.functions import Array
 from rig.analysis.film_numbers import numbers_of_run
 from rig.analysis.residual import residual_dec, residual_label
-from rig.files.run_folder import PREDICTED
+from rig.records.run_folder import PREDICTED
 from rig.report.figures import BLUE, COLOURS, EDGE, SHADE, draw_line, log_scale, new_figure, saved
 from rig.report.identification import transition_section
 from rig.report.model_figures import draw_residual
@@ -74,7 +74,7 @@ def _parameter(one: dict[str, Any]) -> list[str]:
 
 def _predicted(path: Path, rows: int) -> Array | None:
     """The resistance that the model says, ohm, row by row; None where a folder of before has none."""
-    from rig.files.record_file import read_record
+    from rig.records.record_file import read_record
 
     if not path.is_file():
         return None

@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from rig.analysis.diagnosed import diagnosed, model_of
+from rig.analysis.earlier_records import film_records_before, told_by
 from rig.analysis.one_row import of_diagnosis
 from rig.analysis.tried import best_tried
+from rig.config.effect_tables import add_effect_files, assumed_effects
+from rig.config.model_file import Model, write_model
 from rig.core.faults import Faults
-from rig.files.effect_tables import add_effect_files, assumed_effects
-from rig.files.film_output import FALLING_RESISTANCE
-from rig.files.film_records import film_records_before, told_by
-from rig.files.model_file import Model, write_model
-from rig.files.record_file import Record
 from rig.many.engine import given
+from rig.records.film_output import FALLING_RESISTANCE
+from rig.records.record_file import Record
 from rig.report.diagnosis import write_diagnosis_report
 from rig.report.diagnosis_lines import lines
 from rig.report.diagnosis_records import together as records_of

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.files.run_folder import plain_json
-from rig.files.written import write_text
+from rig.core.file_writing import write_text
+from rig.records.run_folder import plain_json
 from rig.report.diagnosis_figures import course_figure, gain_figure, loop_figure, residual_figures
 from rig.report.diagnosis_records import held_out_lines, record_lines, room_line, together, warning_line
 from rig.report.diagnosis_words import (

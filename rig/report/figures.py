@@ -22,7 +22,7 @@ from matplotlib.ticker import EngFormatter, LogFormatter
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from rig.files.written import write_text
+from rig.core.file_writing import write_text
 from sim.model.gaps import rows_after_gaps
 
 INK, SOFT, EDGE, GRID, SHADE, PAPER = "#1c2330", "#5b6472", "#8b94a3", "#e6e9ef", "#eef2f8", "#ffffff"

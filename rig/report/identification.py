@@ -13,9 +13,9 @@ from compensator.hysteresis.functions import Array
 from rig.analysis.film_numbers import FilmNumbers
 from rig.analysis.residual import residual
 from rig.analysis.transition_words import forc_note, rows
-from rig.files.film_output import unit_of
-from rig.files.run_folder import plain_json
-from rig.files.written import write_text
+from rig.core.file_writing import write_text
+from rig.records.film_output import unit_of
+from rig.records.run_folder import plain_json
 from rig.report.model_figures import (
     ComparedPlate,
     derivative_figure,

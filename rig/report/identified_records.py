@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rig.analysis.earlier_records import seen_degC
 from rig.analysis.fit_notes import finding_documents, finding_notes, plate_notes
 from rig.analysis.identified import AskedFit, Identified, identified, modelled
 from rig.analysis.one_row import of_identification
 from rig.core.faults import Faults
-from rig.files.film_records import seen_degC
-from rig.files.record_file import Record, unit_of
-from rig.files.run_folder import plain_json
 from rig.many.engine import given
+from rig.records.record_file import Record, unit_of
+from rig.records.run_folder import plain_json
 from rig.report.many_records import Task
 from rig.report.told import MODEL, Told, files_in
 from sim.inference.covariance import NORMAL_95
@@ -39,7 +39,7 @@ def identified_and_told(
 ) -> dict[str, Any]:
     """One film and one plate of all records: the JSON of `peltier identify`. models: files to write the model to;
     report: folder, which is there. Raises Faults."""
-    from rig.files.model_file import write_model
+    from rig.config.model_file import write_model
 
     found = identified(records, asked, say)
     result = in_words(found, say)

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from rig.core.faults import fault
-from rig.files.record import Record, Refused, content_digest, unit_of
 from rig.many.cases import Case, Ended
 from rig.many.computed import compute
 from rig.many.engine import Engine, EngineChoice
 from rig.many.journal import LOST, Journal, cases_in, files_of
+from rig.records.record import Record, Refused, content_digest, unit_of
 from rig.report.figures import both_widths, svg_text
 from rig.report.many_figure import named_figure
 from rig.report.page import Html, figure, link, table, write_page

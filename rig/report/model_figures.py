@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.residual import residual, residual_label
-from rig.files.film_output import in_decades, unit_of
+from rig.records.film_output import in_decades, unit_of
 from rig.report.figures import (
     COLOURS,
     EDGE,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from rig.files.written import write_text
+from rig.core.file_writing import write_text
 from rig.report.figures import dark_style
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import Any
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.prediction_error import ChannelError
-from rig.files.run_folder import plain_json
-from rig.files.written import write_text
+from rig.core.file_writing import write_text
+from rig.records.run_folder import plain_json
 from rig.report.figures import saved
 from rig.report.model_figures import drawn_over_time, histogram_figure, loop_figure, residual_figure
 from rig.report.page import figure, paragraph, section, tiles, write_page

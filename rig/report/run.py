@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from rig.files.run_folder import RunFolder
+from rig.records.run_folder import RunFolder
 from rig.report.run_rows import CALIBRATION, LAW, RunRows, ended_early, inner_runs, live_run, recorded_run
 
 

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from rig.core.faults import Faults, fault
+from rig.core.json_text import parsed_json
 from rig.drivers.heater_drive import OF_FULL_DRIVE
-from rig.files.json_text import parsed_json
-from rig.files.run_folder import RunFolder, plain_json
+from rig.records.run_folder import RunFolder, plain_json
 
 FORMAT = "peltier-run/1"
 CALIBRATION = "calibration"
@@ -63,8 +63,8 @@ def live_run(folder: RunFolder) -> RunRows:
 
 
 def _columns_on_disk(path: Path) -> dict[str, Any]:
-    from rig.files.record_file import read_record
-    from rig.files.run_columns import run_columns
+    from rig.records.record_file import read_record
+    from rig.records.run_table import run_columns
 
     with suppress(OSError):  # told by what reads it then
         if (columns := run_columns(path)) is not None and set(NEEDED) <= set(columns):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rig.files.written import naming
+from rig.core.file_writing import naming
 
 MODEL = "model.toml"
 CANDIDATE = "candidate.toml"  # the model with what was found and is not named, to be tried

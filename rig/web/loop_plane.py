@@ -10,8 +10,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from rig.files.film_output import ohm
 from rig.history.reading import loop_points, temperatures
+from rig.records.film_output import ohm
 
 HOUR_S = 3600.0  # of points shown: some turns of the film
 POINTS = 1500  # more hide each other on a figure of 600 pixels
@@ -54,8 +54,8 @@ def _followed(model: str | None, since_s: float | None, limits_degC: list[float]
     """The film of a model file; None where there is no such file, or no film in it, or not with a resistance."""
     if model is None or not Path(model).is_file():
         return None
+    from rig.config.model_file import read_model
     from rig.core.faults import Faults
-    from rig.files.model_file import read_model
 
     try:
         known = read_model(Path(model))

@@ -20,7 +20,7 @@ from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from rig.files.json_text import usable
+from rig.core.json_text import usable
 from rig.web.names import Names
 
 LARGEST_BODY = 1_000_000  # bytes

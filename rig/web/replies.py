@@ -9,8 +9,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
-from rig.files.json_numbers import finite
-from rig.files.json_text import parsed_json
+from rig.core.json_text import finite, parsed_json
 from rig.web.bench_link import BenchGone, BenchLink
 
 SERVER_FAULT = 500  # HTTP's status, where the bench process gives none

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from rig.config.configuration import read_configuration
 from rig.core.clock import RealClock
 from rig.core.outcome import Outcome, Stopped
 from rig.daemon.answers import Answers
@@ -22,7 +23,6 @@ from rig.daemon.desk import Desk
 from rig.daemon.keeper import Keeper
 from rig.daemon.serving import bench_of
 from rig.daemon.systemd import Notifier
-from rig.files.configuration import read_configuration
 from rig.web.serving import serve
 from tests.rig.small import write_bench
 

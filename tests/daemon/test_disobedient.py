@@ -20,13 +20,13 @@ import pytest
 
 from rig.bench.assembly import emulated_instruments, open_bench
 from rig.bench.simulation import simulated_world
+from rig.config.configuration import read_configuration
 from rig.core.errors import Disconnected
 from rig.core.outcome import NotConfirmedOff, Stopped
 from rig.daemon import keeper
 from rig.daemon.desk import HISTORY, Desk
 from rig.daemon.ended_before import OFF_CONTRADICTED
 from rig.daemon.systemd import Notifier
-from rig.files.configuration import read_configuration
 from rig.guard.left_behind import Left, write_end
 from rig.ports.open import holder
 from rig.ports.pseudo_terminal import PseudoTerminals

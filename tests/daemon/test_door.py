@@ -18,14 +18,14 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from rig.config.configuration import Configuration, ConfigurationFile, read_configuration
+from rig.config.configuration_text import without_secrets
+from rig.config.schema import Table
 from rig.core.faults import Faults
+from rig.core.json_text import parsed_json
 from rig.daemon.admission import AT_MOST, FREE, FREE_TABLES, PORTS, WITHIN, admit
 from rig.daemon.client import Client
 from rig.daemon.control_socket import MOST_CONNECTIONS
-from rig.files.configuration import Configuration, ConfigurationFile, read_configuration
-from rig.files.json_text import parsed_json
-from rig.files.secret_keys import without_secrets
-from rig.files.toml_file import Table
 from rig.history import reading
 from rig.history.store import Retention, Store
 from rig.web import connections, serving

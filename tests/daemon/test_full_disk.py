@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
+from rig.config.configuration import read_configuration
 from rig.daemon import latching
 from rig.daemon.latch_file import LATCH, read
-from rig.files.configuration import read_configuration
-from rig.files.run_folder import RunFolder
 from rig.history.store import Store
+from rig.records.run_folder import RunFolder
 from tests.daemon.benches import RunningBench, until, write_current
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

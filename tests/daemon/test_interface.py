@@ -16,9 +16,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from rig.config.configuration import read_configuration
 from rig.core.faults import Faults
 from rig.daemon.serving import bench_of
-from rig.files.configuration import read_configuration
 from tests.daemon.benches import HEADERS, SERVE, RunningBench, running, until, write_current
 
 STATE = {

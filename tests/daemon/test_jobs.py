@@ -12,6 +12,7 @@ import pytest
 
 import rig.daemon.job_run
 import rig.daemon.keeper
+from rig.config.configuration import read_configuration
 from rig.core.errors import Disconnected
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff
@@ -20,10 +21,9 @@ from rig.daemon.answers import Answers, Refusal
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.experiment.expected import still_to_come
-from rig.files.configuration import read_configuration
-from rig.files.run_folder import part_of
 from rig.history import reading
 from rig.ports.registry import unregister
+from rig.records.run_folder import part_of
 from tests.daemon.benches import LONGEST_S, SERVE, RunningBench, running, until, write_current
 
 SHORT = '["start 0 A", "hold 0.2 s"]'

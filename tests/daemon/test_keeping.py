@@ -20,6 +20,7 @@ from typing import Any, cast
 import pytest
 
 from rig.__main__ import _notes
+from rig.config.configuration import read_configuration
 from rig.core.faults import Faults
 from rig.core.outcome import OfOutput
 from rig.core.patient_lines import MOST_WAITING, PatientLines
@@ -30,7 +31,6 @@ from rig.daemon.desk import HISTORY
 from rig.daemon.hold import hold_of
 from rig.daemon.job_run import JobRun, _end_by
 from rig.daemon.words import in_a_line, in_a_log, rows_of
-from rig.files.configuration import read_configuration
 from rig.history.reading import loop_points
 from rig.history.store import Retention, Store
 from rig.history.tables import connect_to_read

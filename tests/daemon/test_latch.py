@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from rig.config.configuration import ConfigurationFile, read_configuration
 from rig.core.clock import RealClock
 from rig.daemon import latching
 from rig.daemon.answers import Answers, Refusal
@@ -24,7 +25,6 @@ from rig.daemon.latch import CLEAR, TRIPPED, Kept, Latch
 from rig.daemon.latch_file import LATCH, read, write
 from rig.daemon.latching import Latching, NotCleared
 from rig.daemon.serving import bench_of
-from rig.files.configuration import ConfigurationFile, read_configuration
 from rig.guard.left_behind import DIED
 from rig.history import reading
 from tests.daemon.benches import SERVE, until, write_current

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from rig.config.configuration import read_configuration
 from rig.daemon.gaps import Gaps
 from rig.daemon.words import rows_of
-from rig.files.configuration import read_configuration
 from tests.daemon.benches import SERVE, running, until, write_current
 
 

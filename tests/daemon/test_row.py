@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.files.configuration import read_configuration
-from rig.files.record_file import read_record
+from rig.config.configuration import read_configuration
 from rig.history.tables import connect_to_read
+from rig.records.record_file import read_record
 from tests.daemon.benches import SERVE, running, until, write_current
 
 THROUGH_THE_RANGES = '["start 0.5 A", "hold 2 s", "ramp to 3 A in 20 s", "hold 10 s"]'

@@ -12,13 +12,13 @@ from typing import Any
 
 import pytest
 
+from rig.config.configuration import read_configuration
 from rig.core.faults import Faults
 from rig.daemon import systemd
 from rig.daemon.announce import WAITING, Announcer, encoded
 from rig.daemon.serving import bench_of
 from rig.daemon.systemd import Notifier
 from rig.daemon.webhook import post
-from rig.files.configuration import read_configuration
 from tests.daemon.benches import SERVE, write_current
 
 

@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 
 from rig.bench.assembly import emulated_instruments
+from rig.config.configuration import read_configuration
 from rig.daemon.client import Client
-from rig.files.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.daemon.benches import HEADERS, environment, put_on, until, write_current
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.files.model_file import read_model
-from rig.files.record_file import write_columns
+from rig.config.model_file import read_model
+from rig.records.record_file import write_columns
 from sim.diagnosis.data.quantity import Quantity, of_conductance, quantity_of
 from sim.diagnosis.diagnose import diagnose
 from sim.effects.catalogue import catalogue

@@ -38,10 +38,10 @@ import tomli_w
 
 import rig
 from rig.__main__ import VERBS, main
-from rig.files.configuration import configuration_of
-from rig.files.record_file import write_columns
-from rig.files.sweep_table import SweepFile
+from rig.config.configuration import configuration_of
+from rig.config.tables import SweepFile
 from rig.overview.configuration import Overview
+from rig.records.record_file import write_columns
 from tests.diagnosis.plate_record import levels, record
 from tests.docs.test_pages import PAGES, ROOT, name
 from tests.rig.small import write_bench

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from rig.config.tables import EpicsTable
 from rig.epics.access import access_list
-from rig.files.epics_table import EpicsTable
 from tests.daemon.benches import SERVE, RunningBench, running, until, write_current
 from tests.epics.servers import CaClient, PvaClient, epics_table, serving
 

@@ -15,11 +15,11 @@ from typing import Any
 
 import pytest
 
+from rig.config.configuration import read_configuration
 from rig.core.clock import VirtualClock
 from rig.core.errors import Disconnected, InstrumentError, Refused
 from rig.core.reading import Quality
 from rig.drivers.registry import open_controller
-from rig.files.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.meerstetter import MeerstetterTec

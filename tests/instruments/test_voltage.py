@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig.bench.assembly import open_bench
+from rig.config.configuration import read_configuration
 from rig.core.clock import VirtualClock
 from rig.core.errors import Overrange
 from rig.core.faults import Faults
@@ -18,8 +19,7 @@ from rig.core.reading import Quality, Reading
 from rig.drivers.formula import formula
 from rig.drivers.meter import column_of, film_output
 from rig.drivers.registry import open_meter
-from rig.files.configuration import read_configuration
-from rig.files.record_file import read_record
+from rig.records.record_file import read_record
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_meter
 from tests.instruments.still_plant import StillPlant

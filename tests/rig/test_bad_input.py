@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.config.tables import ExperimentTable
 from rig.drivers import registry
 from rig.experiment.tracking import score
-from rig.files.configuration import ExperimentTable
 from tests.rig.small import MODEL, write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from rig.config.configuration_text import contents_named
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
-from rig.files.named_files import contents_named
 from rig.many.journal import Journal
 from tests.rig.small import write_bench
 from tests.rig.test_many_records import plate_record

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.files.model_file import read_model
+from rig.config.model_file import read_model
 from tests.rig.small import MODEL
 
 Peltier = Callable[..., tuple[int, str, str]]

@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.config.configuration import read_configuration
+from rig.config.model_file import read_model
+from rig.config.target import Target
 from rig.control.law_units import in_law_units, law_units
 from rig.control.policies import Follow
 from rig.experiment.extended_model import own_target
 from rig.experiment.feasible import check_target
 from rig.experiment.tracking import branches_of, law_and_design
-from rig.files.configuration import read_configuration
-from rig.files.model_file import read_model
-from rig.files.record_file import read_record
-from rig.files.target import Target
+from rig.records.record_file import read_record
 
 Peltier = Callable[..., tuple[int, str, str]]
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"

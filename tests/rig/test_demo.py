@@ -40,8 +40,8 @@ def test_the_target_asks_for_half_of_what_the_plate_can_do(result: tuple[Path, o
     """On the ramps the temperature moves at about half of the plate's rate; only the loop's crossings are faster."""
     import numpy as np
 
-    from rig.files.model_file import read_model
-    from rig.files.record_file import read_record
+    from rig.config.model_file import read_model
+    from rig.records.record_file import read_record
 
     model = read_model(result[0] / "calibration" / "MODEL.toml", needs=("plate",))
     assert model.film_records == (str(result[0] / "calibration" / "record.csv"),)  # no longer in a run's .part

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from rig.__main__ import main
-from rig.files.model_file import read_model
-from rig.files.record_file import write_columns
+from rig.config.model_file import read_model
+from rig.records.record_file import write_columns
 from rig.report.model_comment import model_comment
 from tests.diagnosis.cases import case, write_record
 from tests.diagnosis.plate_record import record as plate_record

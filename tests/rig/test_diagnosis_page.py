@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from rig.files.record_file import write_columns
+from rig.records.record_file import write_columns
 from rig.report.diagnosis_figures import _against, _times_of_each
 from sim.diagnosis.data.joined import read_records
 from sim.diagnosis.data.quantity import FALLING_OHM

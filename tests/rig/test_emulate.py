@@ -14,10 +14,10 @@ import pytest
 
 from rig.bench.assembly import emulated_instruments
 from rig.command.emulate import Output
+from rig.config.configuration import read_configuration
 from rig.core.clock import RealClock
 from rig.core.errors import PortHeld
 from rig.drivers.registry import open_controller, open_meter
-from rig.files.configuration import read_configuration
 from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from rig.core.faults import Faults
-from rig.files.record_file import read_record, write_columns
-from rig.files.written import naming, write_text
+from rig.core.file_writing import naming, write_text
+from rig.records.record_file import read_record, write_columns
 from tests.rig.small import MODEL, no_file_above
 
 Peltier = Callable[..., tuple[int, str, str]]

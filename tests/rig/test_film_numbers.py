@@ -11,8 +11,8 @@ import pytest
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.thermal.plate import PlateModel
-from rig.files.model_file import Model, read_model, write_model
-from rig.files.record_file import read_record, write_columns
+from rig.config.model_file import Model, read_model, write_model
+from rig.records.record_file import read_record, write_columns
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.film import IDENTITY, FilmModel, Memoryless
-from rig.files.film_records import film_records_before
-from rig.files.model_file import Model, read_model, write_model
-from rig.files.record_file import write_columns
-from rig.files.run_folder import at_its_end
+from rig.analysis.earlier_records import film_records_before
+from rig.config.model_file import Model, read_model, write_model
+from rig.records.record_file import write_columns
+from rig.records.run_folder import at_its_end
 
 FILM = FilmModel(np.array([1.0]), np.array([0.1]), IDENTITY, IDENTITY, Memoryless("none"), "classical_pi")
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from rig.analysis.diagnosed import possible_kinds
+from rig.config.model_file import read_model
 from rig.drivers.controller import OwnLimits
 from rig.drivers.lakeshore import LakeShoreController
-from rig.files.model_file import read_model
-from rig.files.record import Record
+from rig.records.record import Record
 from tests.rig.small import MODEL, write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]

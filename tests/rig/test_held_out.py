@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from rig.analysis.held_out import require_judging
-from rig.files.record import Record
-from rig.files.record_file import write_columns
+from rig.records.record import Record
+from rig.records.record_file import write_columns
 from sim.world.open_loop import simulate_record
 from sim.world.world import World
 from tests.sim.small_chain import FILM, PLATE, on

@@ -14,10 +14,10 @@ import pytest
 
 from rig.__main__ import main
 from rig.analysis.gained import Followed, gained, news
-from rig.files.configuration import read_configuration
-from rig.files.extended_configuration import extended_configuration
-from rig.files.model_file import read_model
-from rig.files.toml_text import read_toml
+from rig.config.configuration import read_configuration
+from rig.config.configuration_text import extended_configuration
+from rig.config.model_file import read_model
+from rig.config.toml_file import read_toml
 from rig.report.told import Told, files_in
 from tests.rig.small import write_bench
 

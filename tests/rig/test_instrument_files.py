@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from rig.core.faults import Faults
-from rig.files.record import Record
-from rig.files.record_file import Rows, read_record
+from rig.records.record import Record
+from rig.records.record_file import Rows, read_record
 
 Peltier = Callable[..., tuple[int, str, str]]
 END = "***End_of_Header***"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.files.record_file import write_columns
+from rig.records.record_file import write_columns
 from rig.web import loop_plane
 from tests.rig.small import MODEL
 

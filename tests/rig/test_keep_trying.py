@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from rig.bench.assembly import emulated_instruments
+from rig.config.configuration import read_configuration
 from rig.core.errors import PortHeld
-from rig.files.configuration import read_configuration
 from rig.ports.open import LineSettings, holder, is_still_trying, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.instruments.disobedient import Disobedient

@@ -15,10 +15,10 @@ from compensator.control.law_step import LawName
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
+from rig.config.target import Target
 from rig.control.decision import ReadAt
 from rig.control.policies import Follow
 from rig.experiment.extended_model import chain_observer
-from rig.files.target import Target
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
 

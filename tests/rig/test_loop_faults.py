@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rig.bench.assembly
-from rig.files.record_file import read_record
+from rig.records.record_file import read_record
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]

@@ -12,7 +12,7 @@ import pytest
 
 import rig.bench.assembly
 from rig.bench.assembly import emulated_instruments
-from rig.files.configuration import read_configuration
+from rig.config.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.rig.small import write_bench
 

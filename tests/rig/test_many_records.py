@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.files.record import Record
 from rig.many.engine import EngineChoice
+from rig.records.record import Record
 from rig.report.many_records import Task, each_record
 from tests.many.work import refused
 

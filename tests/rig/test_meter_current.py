@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.files.record_file import read_record
+from rig.records.record_file import read_record
 from sim.world.plant import SimulatedPlant
 from tests.rig.small import write_bench
 

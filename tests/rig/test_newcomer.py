@@ -13,15 +13,15 @@ import pytest
 
 from rig.bench.assembly import emulated_instruments
 from rig.command.progress import Progress
+from rig.config.configuration import read_configuration
+from rig.config.model_file import read_model
+from rig.config.target import target_in_words
 from rig.control.decision import Decision
 from rig.control.tick import Tick
 from rig.core.reading import Reading
 from rig.core.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
 from rig.daemon.words import clock
 from rig.experiment.expected import expected_calibration, expected_run
-from rig.files.configuration import read_configuration
-from rig.files.model_file import read_model
-from rig.files.target import target_in_words
 from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.rig.small import write_bench
 

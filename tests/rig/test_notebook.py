@@ -23,7 +23,7 @@ import rig.bench.assembly
 from rig.core.outcome import NotConfirmedOff
 from rig.core.python_words import python_words
 from rig.drivers.meerstetter import MeerstetterController
-from rig.files.record_file import write_columns
+from rig.records.record_file import write_columns
 from tests.instruments.disobedient import Disobedient
 from tests.rig.small import MODEL, write_bench
 from tests.rig.test_ways_out import at_row

@@ -11,11 +11,12 @@ from pydantic import ValidationError
 
 import rig
 from compensator.thermal.plate import PlateModel
+from rig.config import configuration, model_file
+from rig.config import tables as configuration_tables
+from rig.config.model_file import Model
+from rig.config.schema import Table
 from rig.core.faults import Faults
-from rig.files import configuration, epics_table, model_file, serve_table, simulation_table, sweep_table
-from rig.files.model_file import Model
-from rig.files.record import Record
-from rig.files.toml_file import Table
+from rig.records.record import Record
 from sim.inference.film.fit import identify_film
 from sim.inference.readings.temperature_path import temperature_path
 from sim.world.world import World
@@ -72,7 +73,7 @@ def test_seconds_to_watch_for(peltier: Peltier, seconds: str) -> None:
 
 
 def test_no_key_of_any_file_takes_what_is_no_number() -> None:
-    modules = (configuration, epics_table, model_file, serve_table, simulation_table, sweep_table)
+    modules = (configuration, model_file, configuration_tables)
     tables = {t for m in modules for t in vars(m).values() if isinstance(t, type) and issubclass(t, Table)}
     looked_at = 0
     for table in tables - {Table}:

@@ -10,7 +10,7 @@ import pytest
 
 import rig
 from compensator.thermal.plate import PlateModel
-from rig.files.record import Record
+from rig.records.record import Record
 from sim.inference.film.fit import identify_film
 from sim.inference.plate.fit import identify_plate
 from sim.inference.readings.odd_readings import Column, odd_readings, of_output
@@ -126,8 +126,8 @@ def test_a_coarse_last_digit_is_no_bad_row() -> None:
 
 
 def test_measured_films_and_plates_have_none(measured: Path) -> None:
-    from rig.files.column_mapping import ColumnMapping
-    from rig.files.record_file import read_record
+    from rig.records.column_names import ColumnMapping
+    from rig.records.record_file import read_record
 
     ohm = [ColumnMapping.parse("resistance_ohm=Resistance@ohm")]
     for name, mappings in (("vo2_film_major_loop.tsv", []), ("vo2_film_small_gap_raw.tsv", ohm)):

@@ -17,11 +17,11 @@ import rig
 from rig.analysis.film_numbers import numbers_of_record
 from rig.command.record_arguments import add_record_arguments, read_each
 from rig.core.faults import Faults
-from rig.files.branches import loops
-from rig.files.column_mapping import ColumnMapping
-from rig.files.record import Record, Refused
-from rig.files.record_file import Rows, read_record
 from rig.notebook.records import as_records
+from rig.records.branches import loops
+from rig.records.column_names import ColumnMapping
+from rig.records.record import Record, Refused
+from rig.records.record_file import Rows, read_record
 
 Peltier = Callable[..., tuple[int, str, str]]
 HALF = 150  # rows of a branch

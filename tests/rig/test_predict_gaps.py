@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import rig
-from rig.files.model_file import Model
-from rig.files.record import Record
+from rig.config.model_file import Model
+from rig.records.record import Record
 from tests.sim.inference.identification_films import is_prandtl_ishlinskii
 from tests.sim.inference.test_identify_gaps import NOISE, with_an_excursion
 

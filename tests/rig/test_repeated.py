@@ -13,10 +13,10 @@ import pytest
 from compensator.control.law import Law, LawSettings
 from compensator.control.pid import PidGains
 from compensator.thermal.plate import PlateModel
+from rig.config.target import Target
 from rig.control.decision import ReadAt
 from rig.control.policies import MODEL_LACKS, Follow
 from rig.experiment.repeated import CORRECTION, read_correction
-from rig.files.target import Target
 from tests.compensator.film_models import TEN_OPERATORS as FILM
 from tests.rig.small import write_bench
 

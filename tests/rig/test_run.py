@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from scipy.io import netcdf_file
 
-from rig.files.model_file import read_model
+from rig.config.model_file import read_model
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.files import run_columns as reading
-from rig.files.converted_columns import record_of
-from rig.files.record import Record
-from rig.files.record_file import read_record
-from rig.files.run_columns import run_columns, run_table
-from rig.files.text_table import text_table
+from rig.records import run_table as reading
+from rig.records.conversion import record_of
+from rig.records.record import Record
+from rig.records.record_file import read_record
+from rig.records.run_table import run_columns, run_table
+from rig.records.text_table import text_table
 
 HEAD = "time_s,temperature_degC,resistance_ohm,current_A,setpoint_degC,reference_degC,tick,phase\n"
 

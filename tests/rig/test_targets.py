@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.config.target import read_target, target_in_words
 from rig.core.faults import Faults
-from rig.files.target import read_target, target_in_words
 from tests.rig.small import MODEL
 
 WHERE = "rig.toml: experiment.target"

@@ -13,9 +13,9 @@ import pytest
 
 import rig
 from rig.analysis.film_numbers import believed_degC, numbers_of_run
-from rig.files.record import Record
-from rig.files.record_file import write_columns
-from rig.files.thermometer_faults import false_readings
+from rig.records.record import Record
+from rig.records.record_file import write_columns
+from rig.records.thermometer_faults import false_readings
 from tests.rig.rounded_records import Array, changed, clean, film_loop, frozen, plate_run
 
 VALUES = (-127.0, 0.0, 85.0, -200.0, 850.0, -242.02, 1372.0, 999.0, 2047.75, 988.79)

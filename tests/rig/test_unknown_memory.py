@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.files.record_file import read_record
+from rig.records.record_file import read_record
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]

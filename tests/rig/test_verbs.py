@@ -14,10 +14,10 @@ import pytest
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.thermal.plate import PlateModel
 from rig.analysis.inverted import jump_warning
+from rig.config.configuration import read_configuration
+from rig.config.model_file import Model, read_model, write_model
 from rig.experiment.feasible import order_warning
-from rig.files.configuration import read_configuration
-from rig.files.model_file import Model, read_model, write_model
-from rig.files.record_file import read_record, write_columns
+from rig.records.record_file import read_record, write_columns
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]

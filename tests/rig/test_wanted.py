@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from rig.config.configuration import read_configuration
 from rig.core.faults import Faults
 from rig.experiment.wanted import wanted
-from rig.files.configuration import read_configuration
 from tests.rig.small import write_bench
 
 PROFILE = '["start 30 degC", "ramp to 70 degC at {rate} K/s", "hold 20 s", "ramp to 30 degC at {rate} K/s"]'

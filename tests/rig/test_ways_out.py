@@ -18,8 +18,8 @@ import rig.bench.assembly
 from rig.control.loop import Loop
 from rig.core.outcome import Stopped, Tripped
 from rig.drivers.meerstetter import MeerstetterController
-from rig.files.run_folder import RunFolder
 from rig.guard.left_behind import Left, write_end
+from rig.records.run_folder import RunFolder
 from sim.world.plant import SimulatedPlant
 from tests.instruments.disobedient import Disobedient
 from tests.rig.small import no_file_above, write_bench

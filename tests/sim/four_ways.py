@@ -15,9 +15,9 @@ from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
 from rig.analysis.predicted import predicted
-from rig.files.effect_tables import middle
-from rig.files.model_file import Model
-from rig.files.record import Record as RecordFile
+from rig.config.effect_tables import middle
+from rig.config.model_file import Model
+from rig.records.record import Record as RecordFile
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.fit.film_basis import FilmBasis

@@ -6,7 +6,7 @@ import numpy as np
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.thermal.plate import PlateModel
-from rig.files.effect_tables import middle
+from rig.config.effect_tables import middle
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, switched
 from sim.world.world import World

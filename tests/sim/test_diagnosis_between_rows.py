@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.analysis.diagnosed import possible_kinds
-from rig.files.record_file import Record
+from rig.records.record_file import Record
 from rig.report.diagnosis_words import left_over
 from sim.diagnosis.data.between_rows import MOST, acted_before
 from sim.diagnosis.data.record import read_columns

@@ -10,8 +10,8 @@ import pytest
 from compensator.thermal.plate import PlateModel
 from rig.analysis.diagnosed import model_of
 from rig.analysis.predicted import predicted
-from rig.files.model_file import read_model, write_model
-from rig.files.record_file import ColumnMapping, Record, read_record
+from rig.config.model_file import read_model, write_model
+from rig.records.record_file import ColumnMapping, Record, read_record
 from sim.diagnosis.data.misfit import misfit_of
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.data.segments import first_rows, gaps

@@ -1,0 +1,1 @@
+"""What the user sets: configurations, model files, effects and targets, as checked TOML."""

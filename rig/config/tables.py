@@ -1,0 +1,380 @@
+"""[simulation]: what is true of the simulated rig."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, SecretStr, model_validator
+
+from rig.config.model_file import MemorylessTable, PlateTable
+from rig.config.schema import (
+    LARGEST,
+    Count,
+    Days,
+    Limits,
+    NotNegative,
+    Number,
+    Period,
+    Positive,
+    Range,
+    ReachableName,
+    Span,
+    Table,
+    Wait,
+)
+
+SMALLEST_PULSE = 0.01  # of the current limit: such a pulse takes four minutes to put in what moves a plate
+
+
+class InstrumentTable(Table):
+    """An instrument: driver by name, port as pyserial opens it.
+
+    options are the driver's own, such as an address or a model; baud changes the line's rate from the driver's.
+    serial_number: the instrument's own; nothing runs where another one answers.
+    """
+
+    driver: str
+    port: str
+    baud: int | None = Field(default=None, gt=0, le=100_000_000)
+    options: dict[str, bool | int | float | str] = {}
+    serial_number: str | None = None
+
+
+class ControllerTable(InstrumentTable):
+    """[bench.controller]: dead_man_s, after which without a word from us the controller switches itself off."""
+
+    dead_man_s: Span = 5.0
+
+
+class MeterTable(InstrumentTable):
+    """[bench.meter]: four_wire, integration time in power-line cycles (nplc), integrations that a reading is the mean
+    of (average; left out, as many as a period has room for).
+
+    With quantity "voltage" a voltage in a range of range_V stands for the film's output (its name and unit, as in
+    "curvature_per_m"), by a formula of voltage_V: "(voltage_V - 0.131) * 22.4" (rig.drivers.formula).
+    """
+
+    four_wire: bool = True
+    nplc: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    average: Annotated[int | None, Field(ge=1, le=100)] = None
+    quantity: Literal["resistance", "voltage"] = "resistance"
+    output: str | None = None
+    formula: str | None = None
+    range_V: Positive = 10.0
+
+    @model_validator(mode="after")
+    def _whole(self) -> MeterTable:
+        from rig.drivers.formula import formula
+        from rig.drivers.formula_meter import check_output
+
+        given = [name for name in ("output", "formula") if getattr(self, name) is not None]
+        if self.quantity == "resistance":
+            if given:
+                raise ValueError(f"{', '.join(given)}: expected with quantity = 'voltage' only")
+            return self
+        if self.formula is None or self.output is None:
+            raise ValueError("formula, output: expected with quantity = 'voltage'")
+        formula(self.formula)
+        check_output(self.output)
+        self.options.update(formula=self.formula, output=self.output, range_V=self.range_V)
+        return self
+
+
+class BenchTable(Table):
+    """[bench]: time is "virtual" only with sim:// ports, and their default; else "real"."""
+
+    time: Literal["real", "virtual"] | None = None
+    controller: ControllerTable
+    meter: MeterTable | None = None
+
+
+def _pulse(share: float) -> float:
+    """The share of the current limit, if it is none or makes a pulse that ends. Raises ValueError."""
+    if 0.0 < share < SMALLEST_PULSE:
+        raise ValueError(f"expected 0 (no pulse), or {SMALLEST_PULSE:g} to 1: a smaller one moves no plate")
+    return share
+
+
+class LimitsTable(Table):
+    """[limits]: what the interlock trips on. stale_s: a reading older than this is none.
+
+    rate_K_per_s: faster than any plate; a reading that moved by more is none. runaway_s: for how long the plate may
+    move against the current, or not at all. polarity_share: of current_A, for the pulse before a run; 0: no pulse.
+    """
+
+    temperature_degC: Limits = (5.0, 100.0)
+    current_A: Positive
+    meter_current_A: Positive = 1e-3
+    stale_s: Span = 2.0
+    rate_K_per_s: Positive = 20.0
+    runaway_s: Span = 20.0
+    polarity_share: Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_pulse)] = 0.25
+
+
+TrackingLaw = Literal["full", "pid", "feedforward", "instrument_pid"]
+Kind = Literal["track_resistance", "track_output", "temperature_profile", "current_profile", "hold"]
+
+
+class ExperimentTable(Table):
+    """[experiment]: what to do. target: a CSV file, or a profile in words. "track_output": of the quantity that the
+    meter's voltage stands for.
+
+    repeat: of a resistance that is tracked, how often; each repetition knows of what the model lacked in those
+    before. learned: the folder of a run whose learned.csv the first one begins with. memory: what is known of the film
+    at first: "condition" drives it to the hot end, so that all is; "estimate" begins where it is and lets the readings
+    tell; "assume" begins where it is with the model's `initial`.
+    """
+
+    kind: Kind = "track_resistance"
+    name: str = Field(default="run", pattern=r"^[A-Za-z0-9_.-]{1,40}$")
+    target: str | list[str] | None = None
+    model: str | None = None
+    law: TrackingLaw = "full"
+    period_s: Period = 0.1
+    compare: list[Literal["pid", "feedforward", "instrument_pid"]] = []
+    settle_s: Wait = 10.0
+    repeat: Annotated[int, Field(ge=1, le=100)] = 1
+    learned: str | None = None
+    memory: Literal["condition", "estimate", "assume"] = "condition"
+
+    @property
+    def laws(self) -> tuple[TrackingLaw, ...]:
+        """Those that track the target, each once: the run's own, then those to compare it with."""
+        return tuple(dict.fromkeys((self.law, *self.compare)))
+
+
+class ControlTable(Table):
+    """[control]: design of the laws.
+
+    ms: largest sensitivity asked of a PID; with 1.42 that of the whole law stays below 1.6 with a film 0.6 times as
+    steep as the model's, with less it does not. dead_time_s: of the bench, one period where it is not given. band_dec:
+    a difference for which the resistance does not turn round, at the least; what noise makes of it the run estimates.
+    most_share: of what the ohmmeter is off the model, that one reading may change the law's correction by; 0.35 is what
+    the margins of the whole law allow at a period of 0.1 s (`peltier tune` says it of any other).
+    preview_s: how far a law looks ahead, as long as the plate takes across the film's loop where it is not given.
+    rate_share: of the plate's fastest rates, for ramps of temperature; a resistance has all of them where it is not
+    given.
+    """
+
+    ms: Annotated[float, Field(gt=1.05, le=2.5)] = 1.42
+    dead_time_s: Annotated[float, Field(ge=0.0, le=3600.0)] | None = None
+    preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] | None = None
+    band_dec: NotNegative = 0.0
+    rate_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.9
+    most_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.35
+
+    @property
+    def resistance_rate_share(self) -> float:
+        """The same for a resistance: its reference begins anew each period, and needs no reserve."""
+        return self.rate_share if "rate_share" in self.model_fields_set else 1.0
+
+
+class CalibrationTable(Table):
+    """[calibration]: the profile that fixes film and plate, in a range of temperatures."""
+
+    temperature_degC: Range | None = None
+    transition_degC: Range | None = None
+    rate_K_per_s: Positive = 1.0
+    period_s: Period = 0.25
+    dwell_s: Wait = 4.0
+    minor_loops: int = Field(default=14, ge=2, le=200)
+    seed: int = Field(default=0, ge=0)
+
+
+class RelayFilmTable(Table):
+    """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.world.films.preisach."""
+
+    kind: Literal["preisach"] = "preisach"
+    relays: Count = 16_000
+    mean_degC: Number = 61.0
+    spread_K: Positive = 3.2
+    halfwidth_K: Positive = 2.8
+    halfwidth_sigma: Positive = 0.4
+    decades: Positive = 2.0
+    memoryless: MemorylessTable = MemorylessTable(function="tanh", amplitude=0.35, a=0.03, b=-1.65, offset=-5.0)
+    seed: int = Field(default=1, ge=0)
+
+
+class ModelFilmTable(Table):
+    """[simulation.film] kind = "model": the film of a model file is the truth."""
+
+    kind: Literal["model"]
+    model: str
+
+
+class HeatSinkTable(Table):
+    """[simulation.heat_sink_warmup]: see sim.effects.heat_sink_warmup; without it the far side keeps the ambient."""
+
+    sink_capacity_ratio: Positive
+    sink_conductance_ratio_per_s: NotNegative
+
+
+class DetectorTable(Table):
+    """[simulation.detector]: what a voltmeter sees of the film's output, see sim.world.detector."""
+
+    volts_per_unit: Number
+    offset_V: Number = 0.0
+    noise_V: NotNegative = 0.0
+
+
+class SimulationTable(Table):
+    """[simulation]: what is true of the simulated rig; the controller does not see it.
+
+    effects: tables with a name of the catalogue and its parameters, each by default the middle of the usual sizes;
+    effect_files: Python files beside this one with effects of one's own, see docs/own_effect.md.
+    meter_current_A: the ohmmeter's, where `simulate` has no instruments (a current_profile without that column).
+    """
+
+    plate: PlateTable = PlateTable(
+        seebeck_over_capacity_per_A_s=1.6e-3,
+        resistance_over_capacity_K_per_A2_s=0.06,
+        conductance_over_capacity_per_s=0.018,
+        ambient_degC=25.0,
+    )
+    heat_sink_warmup: HeatSinkTable | None = None
+    effects: list[dict[str, float | str]] = []
+    effect_files: list[str] = []
+    meter_current_A: NotNegative | None = None
+    film: RelayFilmTable | ModelFilmTable = Field(default=RelayFilmTable(), discriminator="kind")
+    detector: DetectorTable | None = None
+    first_degC: Number = 25.0
+    thermometer_noise_K: NotNegative = 0.005
+    ohmmeter_noise_dec: NotNegative = 0.001
+    seed: int = Field(default=0, ge=0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_kind(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("film"), dict):
+            return {**data, "film": {"kind": "preisach", **data["film"]}}
+        return data
+
+
+def _web_address(secret: SecretStr) -> SecretStr:
+    if not re.fullmatch(r"https?://[!-~]+", secret.get_secret_value()):
+        raise ValueError("expected an address that begins with http:// or https://")
+    return secret
+
+
+class ServeTable(Table):
+    """[serve]: the bench daemon, see docs/daemon.md.
+
+    folder: run folders and history.sqlite; configurations: those that may be started; both beside this file, by
+    default runs/ where the daemon was started, and this file's folder. token: asked for wherever it is set, on the
+    loopback too, where a proxy's visitors come from; addresses beyond the loopback need one. metrics_token: opens
+    /metrics and nothing else. hosts: further names or origins ("https://bench.lab.example") by which browsers reach it.
+    port 0: any that is free. stop_port: of the listener that takes nothing but STOP; by default the one after `port`.
+    diagnose: "nightly" has `peltier trend` look at the runs from diagnose_hour on, while nothing runs.
+    """
+
+    name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_-]{1,40}$")
+    address: str = "127.0.0.1"
+    port: int = Field(default=8765, ge=0, le=65535)
+    stop_port: int | None = Field(default=None, ge=0, le=65535)
+    token: Annotated[SecretStr, Field(min_length=16)] | None = None
+    metrics_token: Annotated[SecretStr, Field(min_length=16)] | None = None
+    hosts: list[ReachableName] = []
+    folder: str | None = None
+    configurations: str = "."
+    idle_period_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
+    raw_days: Days = 30.0
+    minute_days: Days = 400.0
+    hour_days: Days = 4000.0
+    webhook: Annotated[SecretStr, AfterValidator(_web_address)] | None = None
+    diagnose: Literal["never", "nightly"] = "never"
+    diagnose_hour: Annotated[int, Field(ge=0, le=18)] = 3
+
+
+What = Literal["experiment", "identification", "diagnosis"]
+MOST = 1_000_000  # of cases: beyond it a table is none
+
+
+class SweepTable(Table):
+    """[sweep].
+
+    what: of each case the experiment alone, or what identification or diagnosis make of its record. records: files to
+    identify or to diagnose, in the place of simulated experiments; names with * and ? beside this file.
+    plan: "grid", every value with every other, or "latin_hypercube", `samples` points in `ranges`.
+    seeds: of the noise, a list or how many; a Latin hypercube takes one for each point. effects: alternatives, each a
+    list of effects as `simulate --effect` names them. parameters: lists of values for keys of this file, as in
+    "control.ms" = [1.2, 1.4]. ranges: of a Latin hypercube, [low, high] of a key. plan_seed: of its points.
+    """
+
+    what: What = "experiment"
+    records: list[str] = []
+    plan: Literal["grid", "latin_hypercube"] = "grid"
+    seeds: Annotated[int, Field(ge=0, le=MOST)] | list[int] = Field(default=1)
+    effects: list[list[str]] = [[]]
+    parameters: dict[str, list[Any]] = {}
+    ranges: dict[str, tuple[Annotated[float, Field(ge=-LARGEST, le=LARGEST)], Annotated[float, Field(le=LARGEST)]]] = {}
+    samples: Annotated[int, Field(ge=1, le=MOST)] | None = None
+    plan_seed: Annotated[int, Field(ge=0)] = 0
+
+    @model_validator(mode="after")
+    def _one_plan(self) -> SweepTable:
+        if self.records and self.what == "experiment":
+            raise ValueError('records: expected what = "identification" or "diagnosis" beside them')
+        if self.records and (self.parameters or self.ranges or self.effects != [[]]):
+            raise ValueError("records: expected no parameters, ranges or effects beside them; a record is as it is")
+        if self.plan == "grid" and (self.ranges or self.samples is not None):
+            raise ValueError('ranges, samples: expected plan = "latin_hypercube" beside them')
+        if self.plan == "latin_hypercube" and (not self.ranges or self.samples is None or self.parameters):
+            raise ValueError('plan "latin_hypercube": expected ranges and samples, and no parameters')
+        for key, (low, high) in self.ranges.items():
+            if not low < high:
+                raise ValueError(f"ranges: {key}: expected [low, high] with low < high")
+        return self
+
+
+class SweepFile(Table):
+    """The part of a configuration that says it, so that a fault is told with the table's name."""
+
+    sweep: SweepTable
+
+
+# Beside the prefix a record's name has at most 20 characters, and EPICS has room for 60.
+PREFIX = r"^[A-Za-z0-9_.:-]{1,40}$"
+TcpPort = Annotated[int, Field(ge=1024, le=65534)]  # the one after it is used as well
+
+
+def _address(text: str) -> str:
+    try:
+        ipaddress.IPv4Address(text)
+    except ValueError:
+        raise ValueError("expected an IPv4 address, as in 127.0.0.1; 0.0.0.0: every interface") from None
+    return text
+
+
+def _plain(text: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", text):
+        raise ValueError("expected a name of letters, digits and _ . -")
+    return text
+
+
+Name = Annotated[str, AfterValidator(_plain)]
+
+
+class EpicsTable(Table):
+    """[epics]: the EPICS server of `peltier epics`, see docs/epics.md.
+
+    prefix: of the records' names, before a colon; by default serve.name. address: where it listens; beyond the loopback
+    everybody there can read, and STOP. ca_port: Channel Access, TCP and UDP. pva_port: PV Access, TCP; the one after it
+    is UDP, for searches. write: whether there are records that start and reset; they are for `users` on `hosts` (each
+    means anybody where it is empty; both empty is refused).
+    """
+
+    prefix: str | None = Field(default=None, pattern=PREFIX)
+    address: Annotated[str, AfterValidator(_address)] = "127.0.0.1"
+    ca_port: TcpPort = 5064
+    pva_port: TcpPort = 5075
+    write: bool = False
+    users: list[Name] = []
+    hosts: list[Name] = []
+
+    @model_validator(mode="after")
+    def _whole(self) -> EpicsTable:
+        if self.write and not (self.users or self.hosts):
+            raise ValueError("users, hosts: missing; expected who may write, with write = true")
+        return self

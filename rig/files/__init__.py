@@ -1,1 +1,0 @@
-"""Files that people and other programs read and write: configurations, models, records, targets, run folders."""

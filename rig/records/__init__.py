@@ -1,0 +1,1 @@
+"""Records of measurements: read from tables of many formats, checked, and written by a run."""
