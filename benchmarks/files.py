@@ -36,7 +36,7 @@ def wrong(record: Record, way: Way) -> str:
     """What is not as it was written; '' where nothing is."""
     for name, (values, slack) in way.expected.items():
         if name not in record.columns:
-            told = any(name in line or "left" in line for line in record.said)
+            told = any(name in line or "left" in line for line in record.notes)
             return f"{name} missing{'' if told else ' in silence'}"
         found = record[name]
         if found.shape != values.shape:
@@ -96,7 +96,7 @@ def judged(way: Way, folder: Path, show: bool) -> str:
                 print(f"    typed {flags}: {again}".replace(f"{folder}/", ""))
             return "refused again"
     if show:
-        print("".join(f"    {line}\n" for line in record.said), end="")
+        print("".join(f"    {line}\n" for line in record.notes), end="")
     return wrong(record, way) or ("flag" if flags else "plain")
 
 

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 _PLACES = {
     "__version__": "version",
     "Faults": "core.faults",
-    "Model": "files.model_file",
-    "Record": "files.record",
+    "Model": "config.model_file",
+    "Record": "records.record",
     "diagnose": "notebook.diagnosis",
     "identify": "notebook.identification",
     "invert": "notebook.inversion",

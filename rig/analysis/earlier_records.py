@@ -49,7 +49,7 @@ def film_records_before(source: str, say: Callable[[str], None] = lambda text: N
         return []
     for name in names:
         try:
-            found.append(read_record(Path(name), flags=False))
+            found.append(read_record(Path(name), options=False))
             say(f"reads {name}, which told its film before")
         except Faults as faults:
             say(f"a record that told its film before cannot be read: {faults.lines[0]}")

@@ -13,7 +13,7 @@ from rig.analysis.score import Rows
 from rig.analysis.transition_words import WORDS, document, lines, notes, rows
 from rig.records.film_output import in_decades, sign_of, unit_of
 from rig.records.record import Record
-from rig.records.thermometer_faults import false_lines, false_readings, without
+from rig.records.thermometer_faults import describe_false_readings, find_false_readings, mask_readings
 from sim.inference.quantity import untold
 from sim.inference.readings.repeated import repeated_rows
 from sim.inference.readings.temperature_path import temperature_path
@@ -140,8 +140,8 @@ def believed_degC(run: Rows) -> tuple[Array, list[str]]:
     these."""
     names = ("time_s", "temperature_degC", "resistance_ohm", "current_A")
     columns = {name: run.column(name) for name in names}
-    false = false_readings(columns)
-    return without(columns["temperature_degC"], false), false_lines(false, columns["time_s"])
+    false = find_false_readings(columns)
+    return mask_readings(columns["temperature_degC"], false), describe_false_readings(false, columns["time_s"])
 
 
 def numbers_of_run(run: Rows, source: str, lag_s: float) -> FilmNumbers:

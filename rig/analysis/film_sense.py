@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from rig.core.faults import Faults
-from rig.records.film_output import FALLING_RESISTANCE, column_of, other_sense
+from rig.records.film_output import FALLING_RESISTANCE, column_of, other_sign
 from rig.records.record_file import Record
 from sim.inference.readings.output_sense import output_falls
 
@@ -17,7 +17,7 @@ def rising(records: Sequence[Record], output: str, say: Callable[[str], None]) -
     pairs = [(r["temperature_degC"], r.output(output)) for r in records if r.has_output(output)]
     if not output_falls(pairs):
         return output
-    other = other_sense(output)
+    other = other_sign(output)
     say(f"film: {output} falls as temperature rises: the model's output is {other}")
     return other
 

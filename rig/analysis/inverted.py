@@ -14,7 +14,7 @@ from compensator.hysteresis.functions import Array
 from compensator.hysteresis.reversal_jumps import reversal_jumps
 from compensator.inverse.inverse import Inverse, Solution
 from rig.core.faults import Faults
-from rig.records.film_output import column_of, in_decades, shown_output, sign_of
+from rig.records.film_output import column_of, in_decades, output_to_quantity, sign_of
 
 if TYPE_CHECKING:
     from sim.model.film_mixing import PhaseMixing
@@ -110,7 +110,7 @@ def _solved(
 
 def _shown(own: float, output: str, mixing: PhaseMixing | None) -> float:
     """In the quantity's own unit."""
-    return shown_output(own if mixing is None else float(mixing.mixed(np.array([own]))[0]), output)
+    return output_to_quantity(own if mixing is None else float(mixing.mixed(np.array([own]))[0]), output)
 
 
 def jump_warning(film: FilmModel, limits_degC: tuple[float, float], where: object) -> str | None:

@@ -138,7 +138,7 @@ def _predicted(
         print(f"{record.source}: nothing to compare; {needed}", file=sys.stderr)
     if options.out is not None:
         columns = predicted_columns(found, model, errors)
-        write_columns(options.out, {**record.as_read(), **record.text_columns, **columns})
+        write_columns(options.out, {**record.raw_columns(), **record.text_columns, **columns})
         voice.say(f"predictions: {options.out}")
     if folder is not None:
         from rig.report.prediction import write_prediction_report

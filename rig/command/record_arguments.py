@@ -15,7 +15,7 @@ from rig.core.faults import Faults, fault
 from rig.records.film_output import FALLING_RESISTANCE
 
 if TYPE_CHECKING:
-    from rig.records.branches import Rows
+    from rig.records.branches import RowOrder
     from rig.records.record import Record, Refused
 
 MOST_NAMED = 3  # files, in a line that is about all of them
@@ -43,13 +43,13 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def rows_of(options: argparse.Namespace) -> Rows:
+def rows_of(options: argparse.Namespace) -> RowOrder:
     """What was typed of the order of the rows. Raises Faults."""
-    from rig.records.branches import Rows
+    from rig.records.branches import RowOrder
 
     if options.period is not None and not 0.0 < options.period < math.inf:
         raise fault("--period", f"{options.period:g}", "expected a number of seconds > 0")
-    return Rows(options.period, options.reversed, options.branches)
+    return RowOrder(options.period, options.reversed, options.branches)
 
 
 def read_records(
@@ -67,7 +67,7 @@ def read_each(
 ) -> list[Record | Refused]:
     """The same for a verb that goes on without those that are refused, in the order of the paths. Raises Faults where
     none is left."""
-    from rig.records.branches import loops
+    from rig.records.branches import join_branches
     from rig.records.record import Refused
     from rig.records.record_file import ColumnMapping, read_record
 
@@ -75,14 +75,14 @@ def read_each(
     found: list[Record | Refused] = []
     for path in paths:
         try:
-            found.append(read_record(path, mappings, needs, options.decimal, rows=rows))
+            found.append(read_record(path, mappings, needs, options.decimal, order=rows))
         except Faults as faults:
             found.append(Refused(str(path), tuple(faults.lines)))
-    found = loops(found, rows)
+    found = join_branches(found, rows)
     records, refused = _read(found)
     said: dict[str, list[str]] = {}  # of hundreds of records of one make the same is said of all: once is enough
     for record in records:
-        for line in record.said:
+        for line in record.notes:
             said.setdefault(line, []).append(record.source)
     for line, sources in said.items():
         more = f" and {len(sources) - 1} more" if len(sources) > 1 else ""

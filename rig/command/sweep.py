@@ -49,7 +49,7 @@ def main(options: argparse.Namespace) -> int:
     for record in todo.records:
         if isinstance(record, Refused):
             print(f"{record.source}: is refused, the others go on; the end says why", file=sys.stderr, flush=True)
-        for line in () if isinstance(record, Refused) else record.said:
+        for line in () if isinstance(record, Refused) else record.notes:
             print(f"{record.source}: {line}", file=sys.stderr)
     with ManyProgress() as progress:
 

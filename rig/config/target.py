@@ -30,7 +30,7 @@ from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
 from rig.records.film_output import unit_of
 from rig.records.record_file import read_record
-from rig.records.units import UNITS, spelled, straightened
+from rig.records.units import UNITS, normalize_text, parse_unit
 
 COLUMNS = {"resistance": "target_ohm", "temperature": "setpoint_degC", "current": "current_A"}
 ENDINGS = {"resistance": "ohm", "temperature": "degC", "current": "A"}
@@ -64,7 +64,7 @@ class Target:
     quantity: str
     times_s: Array
     values: Array
-    said: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def duration_s(self) -> float:
@@ -93,7 +93,7 @@ def change_of(quantity: str) -> str:
 def read_target(path: Path, quantity: str) -> Target:
     """A target from a CSV file. Raises Faults."""
     column = column_of_target(quantity)
-    record = read_record(path, needs=(column,) if quantity in COLUMNS else (), flags=False)
+    record = read_record(path, needs=(column,) if quantity in COLUMNS else (), options=False)
     if not record.has(column):
         raise fault(path, column, f"missing; there are {', '.join(record.columns)}")
     values = record[column]
@@ -107,8 +107,8 @@ def read_target(path: Path, quantity: str) -> Target:
         faults.append(f"{path}: time_s: from {times[0]:g} to {times[-1]:g}: expected a profile of three years at most")
     if faults:
         raise Faults(faults)
-    said = tuple(f"{path}: {line}" for line in record.said)
-    return Target(quantity, times - times[0], _internal(values, quantity), said)
+    notes = tuple(f"{path}: {line}" for line in record.notes)
+    return Target(quantity, times - times[0], _internal(values, quantity), notes)
 
 
 def _internal(values: Array, quantity: str) -> Array:
@@ -151,7 +151,7 @@ def _read(sentence: str, quantity: str) -> Step:
         raise ValueError(f"{len(sentence)} characters: expected a sentence such as {example_of(quantity)!r}")
     if re.search(r"\d,\d", sentence):
         raise ValueError("expected numbers with a decimal point")
-    sentence = " ".join(straightened(sentence).split())
+    sentence = " ".join(normalize_text(sentence).split())
     match = partial(_match, sentence)
     if found := match(rf"start(?: at)? {MEASURE}"):
         return partial(_start, quantity, _value(found[1], found[2], quantity))
@@ -249,7 +249,7 @@ def _value(number: str, unit: str | None, quantity: str) -> float:
         return _finite(number)
     ending, name = ENDINGS[quantity], ENDINGS[quantity]
     if unit:
-        found = spelled(unit)
+        found = parse_unit(unit)
         if found is not None and found[0] == ending and found[1] is None:
             raise ValueError(f"unit {unit!r} can be milliohms or megohms: expected mOhm or Mohm")
         if found is None or found[0] != ending or found[1] in NO_AMPERES:
@@ -285,7 +285,7 @@ def _rate(number: str, text: str, quantity: str) -> float:
 
 
 def _time(number: str, unit: str | None) -> float:
-    found = spelled(unit) if unit else None
+    found = parse_unit(unit) if unit else None
     if found is None or found[0] != "s":
         shown = f"unit {unit!r}" if unit else f"{number[:20]} without a unit"
         raise ValueError(f"{shown}: expected a time > 0 in s, min, h, as in '{number[:20]} s'")

@@ -14,7 +14,7 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
-from rig.records.film_output import FALLING_RESISTANCE, column_of, in_decades, ohm, sign_of, unit_of
+from rig.records.film_output import FALLING_RESISTANCE, column_of, in_decades, output_to_ohm, sign_of, unit_of
 
 LAW_SPAN: Final = 2.0  # of a film's major loop, in the law's unit: the decades of a usual VO2 film
 
@@ -38,7 +38,7 @@ class LawUnits:
     def shown(self, output: float) -> float:
         """In ohm, or in the column's unit, out of the law's."""
         metered = output / self.factor
-        return ohm(metered, FALLING_RESISTANCE) if self.quantity == "resistance" else metered
+        return output_to_ohm(metered, FALLING_RESISTANCE) if self.quantity == "resistance" else metered
 
     def in_words(self, output: float) -> str:
         """The same for people, with its unit."""

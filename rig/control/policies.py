@@ -16,7 +16,7 @@ from rig.config.target import Target
 from rig.control.decision import AT_THE_TICK, Decision, ReadAt
 from rig.control.law_units import LawUnits, plain_units
 from rig.control.loop import Loop
-from rig.records.film_output import ohm
+from rig.records.film_output import output_to_ohm
 
 MODEL_LACKS: Final = "model_lacks"  # of a correction: taken off the readings and the target; else added to the target
 SAME_READING_S: Final = 1e-6  # between the stamps of one reading that is given twice: rounding
@@ -121,7 +121,7 @@ class Follow:
         self._before_A = self.state.current_A
         command, self.state = law.step(self.state, Inputs(temperature_degC, units.law(output), asked, coming, *read_so))
         ohms = units.quantity == "resistance"
-        wanted = math.nan if not metered else ohm(now) if ohms else now
+        wanted = math.nan if not metered else output_to_ohm(now) if ohms else now
         predicted = units.shown(command.output_model) if math.isfinite(command.output_model) else math.nan
         return Decision(
             current_A=command.current_A,

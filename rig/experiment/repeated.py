@@ -39,7 +39,7 @@ WORSE: Final = 1.05  # of the smallest error: two runs with the same correction 
 
 def read_correction(path: Path) -> Target:
     """What a run has learned; its quantity says of what. Raises Faults."""
-    record = read_record(path, needs=(), flags=False)
+    record = read_record(path, needs=(), options=False)
     for quantity in (MODEL_LACKS, CORRECTION):
         if record.has(f"{quantity}_dec"):
             values = np.nan_to_num(record[f"{quantity}_dec"])

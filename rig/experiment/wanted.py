@@ -26,7 +26,7 @@ from rig.experiment.feasible import (
     order_warning,
 )
 from rig.experiment.repeated import LEARNED, read_correction
-from rig.records.film_output import FALLING_RESISTANCE, in_decades, other_sense
+from rig.records.film_output import FALLING_RESISTANCE, in_decades, other_sign
 
 QUANTITY = {
     "track_resistance": "resistance",
@@ -62,7 +62,7 @@ def wanted(file: ConfigurationFile, say: Callable[[str], None]) -> tuple[Target,
     """Target and model of the configured experiment, checked before any port is opened. Raises Faults."""
     e = file.content.experiment
     target, model = _target_and_model(file)
-    for line in target.said:
+    for line in target.notes:
         say(line)
     if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
         expected = "needs a model with [plate], or law = 'instrument_pid' (the controller's own PID)"
@@ -143,7 +143,7 @@ def _check_output(model: Model, where: object, quantity: str) -> None:
     output = model.film.output
     if quantity == "resistance" and not in_decades(output):
         raise fault(where, "film.output", f"{output!r}; expected a resistance to track one")
-    if quantity != "resistance" and output not in (quantity, other_sense(quantity)):
+    if quantity != "resistance" and output not in (quantity, other_sign(quantity)):
         raise fault(where, "film.output", f"{output!r}; expected {quantity!r}, which the meter reads, to track it")
     on_readings = [e for e in model.switched() if e.effect.link == "ohmmeter" or needs_test_current((e,))]
     if output != FALLING_RESISTANCE and on_readings:

@@ -1,274 +1,375 @@
-"""From a file's table to a record: which column is taken for which of ours, what that is worth, what has to be asked.
+"""The record in a table: columns chosen, converted to our units, put in the order of time, and checked.
 
-What somebody typed with --column comes first, then our own names, then names that are plain
-(`rig.records.column_names`). What was taken for what is told in a line. Where a column that is needed, or one that
-looks as if it held the resistance, is not plain, the file is refused with the line to type.
+The user's --column options come first, then our own names, then clear names (`rig.records.column_names`). A note says
+which column was taken for which. A file whose columns are not clear is refused, with the options to type.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
-from rig.records.branches import Rows, below_each_other, in_sequence, one_after_the_other
-from rig.records.column_choice import Choice, Taking, ask, take_own, take_plain, take_typed
-from rig.records.column_names import ColumnMapping, ending_of, meaning_of, typed
-from rig.records.long_table import one_row_each_moment
-from rig.records.numbers import Undecided, beyond_as_a_number, number_of, read_numbers, tidied
-from rig.records.plausibility import faults_in
+from rig.core.python_words import in_python
+from rig.records.branches import RowOrder, order_branch_rows, reverse_second_branch, stack_branch_columns
+from rig.records.column_choice import Choice, ColumnChoice
+from rig.records.column_names import ColumnMapping, column_option, unit_ending
+from rig.records.long_table import pivot_readings
+from rig.records.numbers import AmbiguousNumber, find_overload, parse_number, read_numbers, tidy_number
+from rig.records.plausibility import find_implausible_values
 from rig.records.record import Record
-from rig.records.table import Column, Table
-from rig.records.thermometer_faults import false_readings, without
-from rig.records.times import PARTS, SUMMER, Unclear, clock_alone, date_alone, hours_off, read_times, time_like
-from rig.records.units import CONDUCTANCES, LOGARITHMS, SHARES, UNITS
+from rig.records.table import Column, Table, frame_columns, table_from_arrays
+from rig.records.thermometer_faults import find_false_readings, mask_readings
+from rig.records.times import (
+    SECOND_FRACTIONS,
+    SUMMER_TIME,
+    AmbiguousTime,
+    clock_changes,
+    is_clock_time,
+    is_date,
+    is_time,
+    read_times,
+)
+from rig.records.units import CONDUCTANCES, DRIVE_SHARES, LOGARITHMS, UNITS
 
-FEW_ROWS, MOST_STEPS_BACK = 20, 0.01  # rows, and how many of more of them may follow a clock that was set
-LARGEST_STEP_BACK_S = 1.0  # what a clock that is kept right over the network is set back by
+FEW_ROWS = 20  # in more, some may follow a clock that was set back
+MOST_STEPS_BACK = 0.01  # of the rows
+LARGEST_STEP_BACK_S = 1.0  # more than the network sets a computer's clock back by
 
 
-def _converted(taking: Taking) -> Record:
-    """Every column in our units. Raises Faults."""
+@in_python()
+def record_from_arrays(
+    columns: Mapping[str, Any],
+    column: Iterable[str] = (),
+    needs: Iterable[str] = (),
+    source: str = "arrays",
+    order: RowOrder | None = None,
+) -> Record:
+    """Return a record of arrays by name.
+
+    Parameters
+    ----------
+    columns : numpy arrays, or what becomes one, each of shape (rows,). Names are read as those of a file: ours, or
+        clear ones such as 'T [K]'. Times may be datetime64.
+    column : options for names that are not clear, such as 'resistance_ohm=R@kohm'
+    needs : columns that have to be there, besides time_s
+    source : the record's name in messages
+    order : the order of the rows
+
+    Raises
+    ------
+    Faults
+    """
+    mappings = [ColumnMapping.parse(text) for text in column]
+    return record_from_table(table_from_arrays(columns, source), mappings, needs, order=order)
+
+
+@in_python()
+def record_from_frame(
+    frame: Any,
+    column: Iterable[str] = (),
+    needs: Iterable[str] = (),
+    source: str = "data frame",
+    order: RowOrder | None = None,
+) -> Record:
+    """Return a record of a pandas DataFrame, or of any object with its `columns`, `index` and `[name]`.
+
+    An index of dates, or one with a name of its own, is a column too. Parameters and faults: `record_from_arrays`.
+    """
+    return record_from_arrays(frame_columns(frame), column, needs, source, order)
+
+
+def record_from_table(
+    table: Table,
+    mappings: Iterable[ColumnMapping] = (),
+    needs: Iterable[str] = (),
+    options: bool = True,
+    order: RowOrder | None = None,
+) -> Record:
+    """Return the record in a table. Raises Faults, a line for each.
+
+    options: the user can type --column, so that faults may say what to type.
+    """
+    mappings, order = list(mappings), order or RowOrder()
+    if order.reversed:
+        table = table.select(range(len(table.line_of))[::-1])
+    table = _reshape(table, mappings, order)
+    table, mappings = _with_typed_times(table, mappings, order)
+    choice = ColumnChoice(table, options)
+    choice.choose_typed(mappings)
+    choice.choose_own()
+    if not choice.faults:
+        choice.choose_clear()
+        choice.ask(["time_s", *(name for name in needs if name != "time_s")])
+    if choice.faults:
+        raise Faults(choice.faults)
+    return reverse_second_branch(_convert(choice), order)
+
+
+def _reshape(table: Table, mappings: Sequence[ColumnMapping], order: RowOrder) -> Table:
+    """Return the table with a row for each moment and a column for each quantity; the table itself if the user typed
+    names that it would lose."""
+    try:
+        shaped = order_branch_rows(stack_branch_columns(pivot_readings(table), order.branches))
+    except Faults:
+        if any(each.find([column.name for column in table.columns]) is not None for each in mappings):
+            return table
+        raise
+    before, after = ([column.name for column in each.columns] for each in (table, shaped))
+    return table if any(m.find(before) is not None and m.find(after) is None for m in mappings) else shaped
+
+
+def _with_typed_times(
+    table: Table, mappings: list[ColumnMapping], order: RowOrder
+) -> tuple[Table, list[ColumnMapping]]:
+    """Return the table with times by the rows' order, if `time_s=row` or a period was typed, and other mappings."""
+    others = [each for each in mappings if not each.is_row_number]
+    if order.period_s is None and len(others) == len(mappings):
+        return table, mappings
+    step, times = (1.0, "rows") if order.period_s is None else (order.period_s, "period")
+    left = [column for column in table.columns if column.name.strip() not in ("time_s", "resistance_time_s")]
+    timed = [each for each in table.columns if each.meaning.ours == "time_s" and table.times == "file"]
+    timed = [each for each in timed if np.any(each.filled())]
+    if any(each.name.strip() == "time_s" and _increases(each, table) for each in timed):
+        text = "a period or time_s=row was typed, and the file has time_s; expected one of them"
+        raise fault(table.source, table.place, text)
+    time = Column("time_s", step * np.arange(len(table.line_of), dtype=np.float64))
+    notes = [*table.notes, "rows in the order in which they were taken; no rates are reported"]
+    if timed:
+        names = ", ".join(repr(each.name) for each in timed)
+        notes.append(f"{names} left: the times are those of --period or time_s=row")
+    return replace(table, columns=[*left, time], notes=notes, times=times), others
+
+
+def _increases(column: Column, table: Table) -> bool:
+    try:
+        return bool(np.all(np.diff(column.numbers(table.decimal).values) > 0.0))
+    except ValueError:
+        return False
+
+
+def _convert(choice: ColumnChoice) -> Record:
+    """Return the record with every column in our units. Raises Faults."""
     values: dict[str, Array] = {}
     texts: dict[str, list[str]] = {}
     faults: list[str] = []
-    by_index: dict[int, list[str]] = {}
-    for ours, choice in taking.chosen.items():
-        by_index.setdefault(choice.index, []).append(ours)
-    names = _kept_names(taking)
-    for k in range(len(taking.names)):
-        for ours in by_index.get(k, []):
-            try:
-                values[ours] = _ours(taking, ours, taking.chosen[ours])
-            except Faults as found:
-                faults += found.lines
-        if k in by_index or k not in names:
-            continue
+    for k, name in _columns_in_order(choice):
         try:
-            values[names[k]] = taking.numbers(k).values
+            chosen = choice.chosen.get(name)
+            if chosen is not None and chosen.index == k:
+                values[name] = _convert_column(choice, name, chosen)
+            else:
+                values[name] = choice.numbers(k).values
+        except Faults as found:
+            faults += found.lines
         except ValueError:
-            texts[names[k]] = list(taking.table.columns[k].texts or [])
+            texts[name] = list(choice.table.columns[k].texts or [])
     if faults:
         raise Faults(faults)
-    table, values, texts = _in_order(taking, values, texts)
-    faults = faults_in(table, values, taking.chosen, taking.names)
+    table, values, texts = _in_time(choice, values, texts)
+    faults = find_implausible_values(table, values, choice.chosen, choice.names)
     if faults:
         raise Faults(faults)
-    current = taking.chosen.get("current_A")
-    drive = current.unit if current is not None and current.unit in SHARES else None
-    read, left_out = values.get("temperature_degC"), false_readings(values)
-    if read is not None and left_out:
-        values["temperature_degC"] = without(read, left_out)
-    as_read = read if left_out else None
-    return Record(values, table.source, drive, texts, tuple(_told(taking)), tuple(left_out), as_read, table.times)
+    current = choice.chosen.get("current_A")
+    drive = current.unit if current is not None and current.unit in DRIVE_SHARES else None
+    raw, left_out = values.get("temperature_degC"), tuple(find_false_readings(values))
+    if raw is not None and left_out:
+        values["temperature_degC"] = mask_readings(raw, left_out)
+    notes = _notes(choice)
+    return Record(values, table.source, drive, texts, notes, left_out, raw if left_out else None, table.times)
 
 
-def _kept_names(taking: Taking) -> dict[int, str]:
-    """Names of the columns that are kept as they are, each once, by index."""
-    kept: dict[int, str] = {}
-    used = set(taking.chosen)
-    for k in taking.free() + sorted(taking.renamed):
-        name = taking.renamed.get(k, taking.names[k].strip()) or f"#{k + 1}"
-        if name in used:
-            name = f"{name} #{k + 1}"
+def _columns_in_order(choice: ColumnChoice) -> list[tuple[int, str]]:
+    """Return index and name of each column of the record: chosen ones, and others under the file's name, each once."""
+    found = [(chosen.index, ours) for ours, chosen in choice.chosen.items()]
+    used = set(choice.chosen)
+    for k in choice.free() + sorted(choice.renamed):
+        name = choice.renamed.get(k, choice.names[k].strip()) or f"#{k + 1}"
+        name = f"{name} #{k + 1}" if name in used else name
         used.add(name)
-        kept[k] = name
-    return kept
+        found.append((k, name))
+    return sorted(found, key=lambda each: each[0])
 
 
-def _in_order(
-    taking: Taking, values: dict[str, Array], texts: dict[str, list[str]]
+def _in_time(
+    choice: ColumnChoice, values: dict[str, Array], texts: dict[str, list[str]]
 ) -> tuple[Table, dict[str, Array], dict[str, list[str]]]:
-    """Without the few rows that cannot be placed in time: doubled word for word, or written before a clock that was set
-    back by less than a second came to where it had been. Raises Faults where a clock went back by an hour."""
-    table, time = taking.table, values["time_s"]
+    """Return the rows without the few that have no place in time: repeated word for word, or written while a clock that
+    was set back by less than a second caught up. Raises Faults if a clock went back by an hour."""
+    table, time = choice.table, values["time_s"]
     if np.all(np.diff(time) > 0.0) or not np.all(np.isfinite(time)):
         return table, values, texts
-    _refuse_summer_time(taking, time)
-    first = _first_alike(table)
-    doubled = first < np.arange(time.size)
-    if np.any(doubled):
-        k, more = int(np.flatnonzero(doubled)[0]), int(np.sum(doubled)) - 1
-        text = f"{table.at(k)}{f' and {more} more' if more else ''} left out, the same word for word as"
-        taking.said.append(f"{text} {table.at(int(first[k]))}")
-    kept = np.flatnonzero(~doubled)
-    behind = time[kept] <= np.concatenate([[-np.inf], np.maximum.accumulate(time[kept])[:-1]])
-    back = np.diff(time[kept])
-    step, back = float(np.median(back)), back[back <= 0.0]
+    _refuse_summer_time(choice, time)
+    seen: dict[tuple[object, ...], int] = {}
+    fields = zip(*(column.fields for column in table.columns), strict=True)
+    first = np.array([seen.setdefault(row, k) for k, row in enumerate(fields)], dtype=np.intp)
+    repeated = np.flatnonzero(first < np.arange(time.size))
+    if repeated.size:
+        text = f"{_rows_text(table, repeated)} left out, the same word for word as"
+        choice.notes.append(f"{text} {table.place_of(int(first[repeated[0]]))}")
+    kept = np.delete(np.arange(time.size), repeated)
+    steps = np.diff(time[kept])
+    back = steps[steps <= 0.0]
     few = kept.size > FEW_ROWS and back.size <= max(1.0, MOST_STEPS_BACK * kept.size)
     if back.size and few and np.min(back) > -LARGEST_STEP_BACK_S:
-        rows = kept[behind]
-        text = f"{table.at(int(rows[0]))}{f' and {rows.size - 1} more' if rows.size > 1 else ''} left out: the clock"
-        taking.said.append(
-            f"{text} {f'went back by {step - np.min(back):.3g} s' if np.min(back) < 0.0 else 'stood still'}"
-        )
+        behind = time[kept] <= np.concatenate([[-np.inf], np.maximum.accumulate(time[kept])[:-1]])
+        by_s = float(np.median(steps)) - np.min(back)
+        how = f"went back by {by_s:.3g} s" if np.min(back) < 0.0 else "stood still"
+        choice.notes.append(f"{_rows_text(table, kept[behind])} left out: the clock {how}")
         kept = kept[~behind]
     if kept.size == time.size:
         return table, values, texts
     values = {name: column[kept] for name, column in values.items()}
-    return table.of(kept), values, {name: [column[k] for k in kept] for name, column in texts.items()}
+    return table.select(kept), values, {name: [column[k] for k in kept] for name, column in texts.items()}
 
 
-def _first_alike(table: Table) -> NDArray[np.intp]:
-    """Of each row the first that is the same word for word."""
-    seen: dict[tuple[object, ...], int] = {}
-    rows = zip(*(column.fields for column in table.columns), strict=True)
-    return np.array([seen.setdefault(row, k) for k, row in enumerate(rows)], dtype=np.intp)
+def _rows_text(table: Table, rows: NDArray[np.intp]) -> str:
+    return table.place_of(int(rows[0])) + (f" and {rows.size - 1} more" if rows.size > 1 else "")
 
 
-def _refuse_summer_time(taking: Taking, time: Array) -> None:
-    """A clock that goes back by an hour and on as before, in a column of dates."""
-    choice = taking.chosen["time_s"]
-    back = np.flatnonzero(hours_off(time) > 0.0)
-    if back.size != 1 or not time_like(taking.first(choice.index)):
-        return
-    what = typed("time_s", taking.names, choice.index, f"{choice.layout}+{SUMMER}" if choice.layout else SUMMER)
-    text = f"time_s: the clock went back by 1 h (end of summer time?); expected {what}"
-    raise fault(taking.table.source, taking.table.at(int(back[0])), text)
+def _refuse_summer_time(choice: ColumnChoice, time: Array) -> None:
+    """Raise Faults if a clock in a column of dates goes back by an hour, once."""
+    chosen = choice.chosen["time_s"]
+    back = np.flatnonzero(clock_changes(time) > 0.0)
+    if back.size == 1 and is_time(choice.firsts[chosen.index]):
+        expected = _summer_time_option(choice, chosen)
+        text = f"time_s: the clock went back by 1 h (end of summer time?); expected {expected}"
+        raise fault(choice.table.source, choice.table.place_of(int(back[0])), text)
 
 
-def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
-    """One of our columns. Raises Faults: a field that is no number or no time."""
-    table, ending = taking.table, ending_of(ours)
-    if ours == "time_s" and time_like(taking.first(choice.index)):
-        if choice.how == "typed" and choice.unit_said and choice.layout is None:
-            expected = typed(ours, taking.names, choice.index)
-            text = f"{ours}: {taking.first(choice.index)[:40]!r} is a date or a clock's time, and was typed as a number"
-            raise fault(table.source, table.at(0), f"{text} in {choice.unit}; expected {expected}")
-        return _times(taking, choice)
-    if choice.layout is not None:
-        text = f"{ours}: {taking.first(choice.index)[:40]!r} was typed as a date or a clock's time ({choice.layout})"
-        raise fault(table.source, table.at(0), f"{text}; expected one, or a unit such as @s")
+def _summer_time_option(choice: ColumnChoice, chosen: Choice) -> str:
+    layout = f"{chosen.layout}+{SUMMER_TIME}" if chosen.layout else SUMMER_TIME
+    return column_option("time_s", choice.names, chosen.index, layout)
+
+
+def _convert_column(choice: ColumnChoice, ours: str, chosen: Choice) -> Array:
+    """Return one of our columns in its unit. Raises Faults with the first field that is no number or no time."""
+    table, k, ending = choice.table, chosen.index, unit_ending(ours)
+    first = f"{ours}: {choice.firsts[k][:40]!r}"
+    if ours == "time_s" and is_time(choice.firsts[k]):
+        if chosen.how == "typed" and chosen.unit_typed and chosen.layout is None:
+            expected = column_option(ours, choice.names, k)
+            text = f"{first} is a date or a clock's time, and was typed as a number in {chosen.unit}"
+            raise fault(table.source, table.place_of(0), f"{text}; expected {expected}")
+        return _convert_times(choice, chosen)
+    if chosen.layout is not None:
+        text = f"{first} was typed as a date or a clock's time ({chosen.layout}); expected one, or a unit such as @s"
+        raise fault(table.source, table.place_of(0), text)
     try:
-        numbers = taking.numbers(choice.index, ending)
-    except Undecided as error:
-        what = " expected --decimal , or --decimal ." if taking.flags else " expected decimals with a point"
-        text = f"{ours}: {str(error)[:40]!r}: a comma or point before decimals, or between thousands?"
-        raise fault(table.source, _place(taking, choice, str(error)), f"{text}{what}") from None
+        numbers = choice.numbers(k, ending)
+    except AmbiguousNumber as error:
+        field, texts = str(error), table.columns[k].texts or []
+        place = table.place_of(texts.index(field)) if field in texts else table.place
+        expected = "--decimal , or --decimal ." if choice.options else "decimals with a point"
+        text = f"{ours}: {field[:40]!r}: a comma or point before decimals, or between thousands?"
+        raise fault(table.source, place, f"{text} expected {expected}") from None
     except ValueError:
-        raise Faults([_no_numbers(taking, ours, choice)]) from None
-    taking.said += [f"in {ours} {text}" for text in numbers.said]
-    values = numbers.values
-    if ours == "time_s" and (parts := _parts_of_seconds(taking, values, [choice.index])) is not None:
-        taking.said.append(f"time_s with {parts[1]!r}")
-        values = parts[0]
-    if numbers.ending is None and choice.unit != ending:
-        values = np.asarray(UNITS[ending][choice.unit](values), dtype=np.float64)
-    if ours == "resistance_ohm" and choice.unit not in LOGARITHMS and np.any(np.isneginf(values)):
-        taking.said.append(f"in {ours} -inf as beyond the range ({int(np.sum(np.isneginf(values)))} rows)")
+        raise _not_numbers(choice, ours, k) from None
+    choice.notes += [f"in {ours} {text}" for text in numbers.notes]
+    values, infinite = numbers.values, np.isinf(numbers.values)
+    if ours == "time_s" and (whole := _add_fractions(choice, values, [k])) is not None:
+        values, name = whole
+        choice.notes.append(f"time_s with {name!r}")
+    if numbers.ending is None and chosen.unit != ending:
+        values = np.asarray(UNITS[ending][chosen.unit](values), dtype=np.float64)
+    if ours == "resistance_ohm" and chosen.unit not in LOGARITHMS and np.any(np.isneginf(values)):
+        choice.notes.append(f"in {ours} -inf as beyond the range ({int(np.sum(np.isneginf(values)))} rows)")
         values = np.where(np.isneginf(values), np.inf, values)
-    endless = np.isinf(numbers.values)
-    if np.any(endless):
-        _refuse_endless(taking, ours, choice, endless)
-        if ending in ("degC", "A"):  # of a resistance alone it says something
-            taking.said.append(f"in {ours} what is beyond the range as no reading ({int(np.sum(endless))} rows)")
-            values = np.where(endless, np.nan, values)
-    if ours == "resistance_ohm" and choice.unit not in CONDUCTANCES:
-        beyond = beyond_as_a_number(values)
-        if np.any(beyond):
-            largest, rows = float(np.max(values[beyond])), int(np.sum(beyond))
-            taking.said.append(
-                f"in resistance_ohm {largest:g} ohm, far above all else, as beyond the range ({rows} rows)"
-            )
-            values = np.where(beyond, np.inf, values)
+    if np.any(infinite):
+        _refuse_long_numbers(table, ours, k, infinite)
+        if ending in ("degC", "A"):  # only of a resistance does an overload mean something
+            choice.notes.append(f"in {ours} what is beyond the range as no reading ({int(np.sum(infinite))} rows)")
+            values = np.where(infinite, np.nan, values)
+    if ours == "resistance_ohm" and chosen.unit not in CONDUCTANCES and np.any(overload := find_overload(values)):
+        largest, rows = float(np.max(values[overload])), int(np.sum(overload))
+        choice.notes.append(f"in {ours} {largest:g} ohm, far above all else, as beyond the range ({rows} rows)")
+        values = np.where(overload, np.inf, values)
     return values
 
 
-def _refuse_endless(taking: Taking, ours: str, choice: Choice, endless: NDArray[np.bool_]) -> None:
-    """Infinity is a reading beyond the range where it was written so, not where it has too many digits."""
-    table, texts = taking.table, taking.table.columns[choice.index].texts
-    rows = [int(k) for k in np.flatnonzero(endless)] if texts is not None else []
-    wrong = [k for k in rows if texts is not None and sum(map(str.isdigit, texts[k])) > 2 and not _sentinel(texts[k])]
-    if wrong and texts is not None:
+def _refuse_long_numbers(table: Table, ours: str, k: int, infinite: NDArray[np.bool_]) -> None:
+    """Raise Faults if a field became infinite because no double holds its digits; written infinities are overloads."""
+    texts = table.columns[k].texts or []
+    rows = [int(row) for row in np.flatnonzero(infinite)] if texts else []
+    long = [row for row in rows if sum(map(str.isdigit, texts[row])) > 2]
+    wrong = [row for row in long if not re.search(r"[eE]\+?0*3[78]\b", texts[row])]  # IEEE 488.2's infinity
+    if wrong:
         more = f" ({len(wrong)} such fields)" if len(wrong) > 1 else ""
         text = f"{ours}: {texts[wrong[0]][:24]!r}: expected a number that a double holds{more}"
-        raise fault(table.source, table.at(wrong[0]), text)
+        raise fault(table.source, table.place_of(wrong[0]), text)
 
 
-def _sentinel(text: str) -> bool:
-    return re.search(r"[eE]\+?0*3[78]\b", text) is not None
-
-
-def _place(taking: Taking, choice: Choice, text: str) -> str:
-    texts = taking.table.columns[choice.index].texts or []
-    return taking.table.at(texts.index(text)) if text in texts else taking.table.place
-
-
-def _no_numbers(taking: Taking, ours: str, choice: Choice) -> str:
-    """The line about the first field that is no number, and how many more there are."""
-    table, wrong = taking.table, []
-    sign = table.signs.decimal or "."
-    for row, text in enumerate(table.columns[choice.index].texts or []):
+def _not_numbers(choice: ColumnChoice, ours: str, k: int) -> Faults:
+    """Return the fault of the first field that is no number, with how many more there are."""
+    table, wrong = choice.table, []
+    for row, text in enumerate(table.columns[k].texts or []):
         try:
-            read_numbers([text], table.signs, ending_of(ours))
-        except Undecided:
+            read_numbers([text], table.decimal, unit_ending(ours))
+        except AmbiguousNumber:
             continue
         except ValueError:
             wrong.append((row, text))
     if not wrong:
-        return f"{table.source}: {ours}: some fields have a unit and some have none; expected one way of writing"
-    row, text = wrong[0]
-    hint = " with a point" if sign == "." and _is_number(tidied(text), ",") else ""
-    more = f" ({len(wrong)} such fields, to {table.at(wrong[-1][0])})" if len(wrong) > 1 else ""
-    return f"{table.source}: {table.at(row)}: {ours}: {text[:40]!r}: expected a number{hint}{more}"
+        return fault(table.source, ours, "some fields have a unit and some have none; expected one way of writing")
+    (row, text), hint = wrong[0], ""
+    if table.decimal.sign != ",":
+        try:
+            parse_number(tidy_number(text), ",")
+            hint = " with a point"
+        except ValueError:
+            pass
+    more = f" ({len(wrong)} such fields, to {table.place_of(wrong[-1][0])})" if len(wrong) > 1 else ""
+    return fault(table.source, table.place_of(row), f"{ours}: {text[:40]!r}: expected a number{hint}{more}")
 
 
-def _is_number(text: str, sign: str) -> bool:
-    try:
-        number_of(text, sign)
-    except ValueError:
-        return False
-    return True
-
-
-def _times(taking: Taking, choice: Choice) -> Array:
-    """Dates and clock times as seconds; a date's column goes with the clock's beside it, and with one of ms."""
-    table, k = taking.table, choice.index
+def _convert_times(choice: ColumnChoice, chosen: Choice) -> Array:
+    """Return dates and clock times as seconds; a column of dates goes with one of clock times, and of milliseconds."""
+    table, k, layout = choice.table, chosen.index, chosen.layout
     fields = list(table.columns[k].texts or [])
-    layout, beside, clock = choice.layout, "", None
-    if date_alone(taking.first(k)):
-        clock = next((j for j in taking.free() if clock_alone(taking.first(j))), None)
+    indices, names = [k], ""
+    if is_date(choice.firsts[k]):
+        clock = next((j for j in choice.free() if is_clock_time(choice.firsts[j])), None)
         if clock is not None:
             fields = [f"{a} {b}".strip() for a, b in zip(fields, table.columns[clock].texts or [], strict=True)]
-            beside = f" with {taking.shown[clock]!r}"
+            indices, names = [k, clock], f" with {choice.shown[clock]!r}"
     try:
         times = read_times(fields, layout)
-    except Unclear as error:
-        what = " or ".join(typed("time_s", taking.names, k, each) for each in error.layouts)
-        text = f"{fields[0][:40]!r}: {error}?" + (f" expected {what}" if what else "")
-        raise fault(table.source, table.at(0), f"time_s: {text}") from None
+    except AmbiguousTime as error:
+        options = " or ".join(column_option("time_s", choice.names, k, each) for each in error.layouts)
+        text = f"time_s: {fields[0][:40]!r}: {error}?" + (f" expected {options}" if options else "")
+        raise fault(table.source, table.place_of(0), text) from None
     except ValueError as error:
         bad = str(error)
-        row = fields.index(bad) if bad in fields else None
-        place = table.at(row) if row is not None else table.place
+        place = table.place_of(fields.index(bad)) if bad in fields else table.place
         raise fault(table.source, place, f"time_s: {bad[:60]!r}: expected a time as in the other rows") from None
-    missing = np.flatnonzero(hours_off(times.seconds) < 0.0)
-    if missing.size == 1 and not (layout or "").endswith(SUMMER):
-        what = typed("time_s", taking.names, k, f"{layout}+{SUMMER}" if layout else SUMMER)
-        text = f"an hour is missing before {table.at(int(missing[0]))}: if summer time began there, {what}"
-        taking.said.append(text)
-    parts = _parts_of_seconds(taking, times.seconds, [each for each in (k, clock) if each is not None])
-    taking.said.append(f"{times.said}{beside}{f' with {parts[1]!r}' if parts is not None else ''}")
-    return times.seconds if parts is None else parts[0]
+    missing = np.flatnonzero(clock_changes(times.seconds) < 0.0)
+    if missing.size == 1 and not (layout or "").endswith(SUMMER_TIME):
+        place = table.place_of(int(missing[0]))
+        option = _summer_time_option(choice, chosen)
+        choice.notes.append(f"an hour is missing before {place}: if summer time began there, {option}")
+    whole = _add_fractions(choice, times.seconds, indices)
+    choice.notes.append(f"{times.note}{names}" + (f" with {whole[1]!r}" if whole is not None else ""))
+    return times.seconds if whole is None else whole[0]
 
 
-def _parts_of_seconds(taking: Taking, seconds: Array, indices: Sequence[int]) -> tuple[Array, str] | None:
-    """Full seconds with what another column says of their fractions, and its name: milliseconds, as loggers write them,
-    or 'Fractional Seconds'. It stands right behind the seconds, or is the only one of its kind."""
+def _add_fractions(choice: ColumnChoice, seconds: Array, indices: Sequence[int]) -> tuple[Array, str] | None:
+    """Return full seconds with their fractions from another column, and its name: the one right behind the seconds, or
+    the only one; None if there is none."""
     if np.any(seconds % 1.0):
         return None
-    parts = [k for k in taking.free() if taking.names[k].strip().lower() in PARTS]
-    near = [k for k in parts if k - 1 in indices] or parts
+    found = [k for k in choice.free() if choice.names[k].strip().lower() in SECOND_FRACTIONS]
+    near = [k for k in found if k - 1 in indices] or found
     if len(near) != 1:
         return None
-    name = taking.names[near[0]].strip()
+    name = choice.names[near[0]].strip()
     try:
-        values = PARTS[name.lower()] * taking.numbers(near[0]).values
+        values = SECOND_FRACTIONS[name.lower()] * choice.numbers(near[0]).values
     except ValueError:
         return None
     if values.size != seconds.size or not np.all((values >= 0.0) & (values < 1.0)):
@@ -276,87 +377,14 @@ def _parts_of_seconds(taking: Taking, seconds: Array, indices: Sequence[int]) ->
     return np.round(seconds + values - values[0], 9), name
 
 
-def _told(taking: Taking) -> list[str]:
-    """What was taken for what, in a line; nothing where every name is ours or was typed with its unit."""
-    told = []
-    for ours, choice in taking.chosen.items():
-        if choice.how == "own" or (choice.how == "typed" and not choice.note):
-            continue
-        unit = "" if choice.unit == ending_of(ours) else f" in {choice.unit}"
-        note = f" {choice.note}" if choice.note else ""
-        told.append(f"{ours} from {taking.shown[choice.index]!r}{unit}{note}")
-    parts = [f"taken: {', '.join(told)}"] if told else []
-    return ["; ".join([*parts, *taking.table.said, *taking.said])] if parts or taking.table.said or taking.said else []
-
-
-def record_of(
-    table: Table,
-    mappings: Iterable[ColumnMapping] = (),
-    needs: Iterable[str] = (),
-    flags: bool = True,
-    rows: Rows | None = None,
-) -> Record:
-    """Return the record in a table. Raises Faults, a line for each, with what to type, where there are flags to type.
-
-    rows: what somebody says of the order of the rows.
-    """
-    mappings, rows = list(mappings), rows or Rows()
-    if rows.turned:
-        table = table.of(range(len(table.line_of))[::-1])
-    table = _reshaped(table, mappings, rows)
-    table, mappings = _with_row_times(table, mappings, rows)
-    taking = Taking(table, flags)
-    take_typed(taking, mappings)
-    take_own(taking)
-    if taking.faults:
-        raise Faults(taking.faults)
-    take_plain(taking)
-    ask(taking, ["time_s", *(name for name in needs if name != "time_s")])
-    if taking.faults:
-        raise Faults(taking.faults)
-    return in_sequence(_converted(taking), rows)
-
-
-def _reshaped(table: Table, mappings: Sequence[ColumnMapping], rows: Rows) -> Table:
-    """The table with a row for each moment and a column for each quantity; the same where somebody typed names that it
-    would not have then."""
-    try:
-        shaped = below_each_other(one_after_the_other(one_row_each_moment(table), rows.branches))
-    except Faults:
-        if any(each.found_in([column.name for column in table.columns]) is not None for each in mappings):
-            return table
-        raise
-    before, after = ([column.name for column in each.columns] for each in (table, shaped))
-    lost = [each for each in mappings if each.found_in(before) is not None and each.found_in(after) is None]
-    return table if lost else shaped
-
-
-def _with_row_times(table: Table, mappings: list[ColumnMapping], rows: Rows) -> tuple[Table, list[ColumnMapping]]:
-    """With times by the rows' order, where `time_s=row` or a period was typed."""
-    others = [each for each in mappings if not each.of_rows]
-    if rows.period_s is None and len(others) == len(mappings):
-        return table, mappings
-    step, times = (1.0, "rows") if rows.period_s is None else (rows.period_s, "period")
-    own = {"time_s", "resistance_time_s"}
-    left = [column for column in table.columns if column.name.strip() not in own]
-    names = table.names()
-    timed = [k for k, each in enumerate(table.columns) if meaning_of(each.name, each.unit).ours == "time_s"]
-    timed = [k for k in timed if table.times == "file" and np.any(table.columns[k].filled())]
-    if any(names[k].strip() == "time_s" and _increase(table, k) for k in timed):
-        text = "a period or time_s=row was typed, and the file has time_s; expected one of them"
-        raise fault(table.source, table.place, text)
-    time = Column("time_s", step * np.arange(len(table.line_of), dtype=np.float64))
-    said = [*table.said, "rows in the order in which they were taken; no rates are reported"]
-    if timed:
-        said.append(f"{', '.join(repr(names[k]) for k in timed)} left: the times are those of --period or time_s=row")
-    return replace(table, columns=[*left, time], said=said, times=times), others
-
-
-def _increase(table: Table, k: int) -> bool:
-    """Whether a column's numbers increase in each row."""
-    texts = table.columns[k].texts
-    try:
-        values = read_numbers(texts, table.signs).values if texts is not None else table.columns[k].fields
-    except ValueError:
-        return False
-    return bool(np.all(np.diff(np.asarray(values)) > 0.0))
+def _notes(choice: ColumnChoice) -> tuple[str, ...]:
+    """Return one line on which columns were taken, unless every name is ours or was typed with its unit."""
+    taken = []
+    for ours, chosen in choice.chosen.items():
+        if chosen.how == "guessed" or chosen.note:
+            unit = "" if chosen.unit == unit_ending(ours) else f" in {chosen.unit}"
+            note = f" {chosen.note}" if chosen.note else ""
+            taken.append(f"{ours} from {choice.shown[chosen.index]!r}{unit}{note}")
+    parts = [f"taken: {', '.join(taken)}"] if taken else []
+    parts += [*choice.table.notes, *choice.notes]
+    return ("; ".join(parts),) if parts else ()

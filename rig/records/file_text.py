@@ -1,7 +1,7 @@
-"""The text of a file from its bytes: UTF-8, UTF-16, or what instruments and spreadsheets wrote before those.
+"""The text in a file: unpacked, decoded; and what a file is that holds no table.
 
-Numbers are the same bytes in all of the older encodings; only names and units differ. The older ones are told apart by
-what they make of the bytes: letters of Western names, signs of units, or the words of a Japanese or Chinese header.
+A file's first bytes decide, not its name. In the encodings before UTF-8 numbers are the same bytes and only names and
+units differ; the encoding is the one that gives Western letters, signs of units, or Japanese or Chinese column names.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ import tomllib
 import zlib
 from importlib import import_module
 from pathlib import Path
-from typing import Final
 
 from rig.core.faults import fault
-from rig.records.column_names import meaning_of
+from rig.records.column_names import interpret_name
 
-ENCODING_MARKS = (  # the longer marks first: UTF-32's begins as UTF-16's does
+COMPRESSED = ((b"\x1f\x8b", "gzip"), (b"BZh", "bz2"), (b"\xfd7zXZ\x00", "lzma"))
+MOST_BYTES = 1_000_000_000  # unpacked: a record of ten million rows
+BYTE_ORDER_MARKS = (  # UTF-32's begins as UTF-16's does
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
     (codecs.BOM_UTF32_BE, "utf-32"),
@@ -28,83 +29,37 @@ ENCODING_MARKS = (  # the longer marks first: UTF-32's begins as UTF-16's does
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 WESTERN = frozenset("°µ²³±·×ºäöüÄÖÜßéèêëàâçîïôûùÉÈÀÇñóíáúÑåøæÅØÆãõ–—…’“”«»§\u00a0")
-HEADER_WORDS = {
+ASIAN_WORDS = {
     "cp932": ("時間", "時刻", "日時", "温度", "抵抗", "電流", "℃"),
     "gb18030": ("时间", "日期", "温度", "电阻", "电流", "℃"),
 }
-PROBE_BYTES = 200_000  # names and units stand at the beginning
+PROBED_BYTES = 200_000  # names and units are at the beginning
+FILE_KINDS = (
+    (b"\x89PNG\r\n", "a picture (PNG)"),
+    (b"\xff\xd8\xff", "a picture (JPEG)"),
+    (b"GIF8", "a picture (GIF)"),
+    (b"%PDF-", "a document (PDF)"),
+    (b"\x89HDF\r\n", "an HDF5 file; export its table as CSV"),
+    (b"CDF\x01", "a NetCDF file; export its table as CSV"),
+    (b"CDF\x02", "a NetCDF file; export its table as CSV"),
+    (b"MATLAB 5.0 MAT-file", "a MATLAB file; its name has to end in .mat"),
+    (b"PK\x03\x04", "an archive (ZIP); if it is a workbook, its name has to end in .xlsx"),
+    (b"\xd0\xcf\x11\xe0", "a workbook or document of old (.xls, .doc), or one with a password; save it as CSV"),
+)
+MOST_TEXT_BYTES = 1_000_000  # of a configuration, a program or a letter
+FEW_DIGITS = 0.02  # of the characters: in a table of numbers more than half are digits
 
 
-def decoded(data: bytes, path: Path) -> tuple[str, str]:
-    """The text, and its encoding where that is none of UTF. Raises Faults."""
-    for mark, encoding in ENCODING_MARKS:
-        if data.startswith(mark):
-            return _strict(data, encoding, path), ""
-    if encoding := _wide(data):
-        return _strict(data, encoding, path), ""
-    if b"\0" in data:
-        line = data.count(b"\n", 0, data.index(b"\0")) + 1
-        raise fault(path, f"line {line}", "a NUL byte; expected text (was the file cut off while it was written?)")
-    try:
-        return data.decode("utf-8"), ""
-    except UnicodeDecodeError as error:
-        beyond = error.start
-    return _older(data, path, beyond)
+def read_text_of(data: bytes, path: Path) -> tuple[str, list[str]]:
+    """Return the text in a file's bytes, and notes: what it was compressed with, and its encoding if that is not UTF.
+    Raises Faults."""
+    packed_by = next((name for mark, name in COMPRESSED if data.startswith(mark)), "")
+    notes = [f"unpacked ({packed_by})"] if packed_by else []
+    text, encoding = _decode(_unpack(data, packed_by, path) if packed_by else data, path)
+    return text, [*notes, f"text in {encoding}"] if encoding else notes
 
 
-def _strict(data: bytes, encoding: str, path: Path) -> str:
-    try:
-        text = data.decode(encoding)
-    except UnicodeDecodeError as error:
-        raise fault(path, f"byte {error.start}", f"expected {encoding.upper()}, as its first bytes say") from None
-    if "\0" in text:
-        line = text.count("\n", 0, text.index("\0")) + 1
-        raise fault(path, f"line {line}", "a NUL; expected text")
-    return text
-
-
-def _wide(data: bytes) -> str:
-    """UTF-16 without a mark: every second byte of the beginning is 0, for it is digits and separators."""
-    head = data[:1000]
-    if len(head) < 8:
-        return ""
-    even, odd = head[0::2].count(0), head[1::2].count(0)
-    half = len(head) // 2
-    if odd > 0.8 * half and even < 0.1 * half:
-        return "utf-16-le"
-    return "utf-16-be" if even > 0.8 * half and odd < 0.1 * half else ""
-
-
-def _older(data: bytes, path: Path, beyond: int) -> tuple[str, str]:
-    """Text of before UTF-8. Raises Faults where no encoding makes sense of it."""
-    head = data[: max(PROBE_BYTES, beyond + 1000)]
-    control = sum(head.count(bytes([byte])) for byte in range(32) if byte not in (9, 10, 11, 12, 13, 26))
-    if control > 0.01 * len(head) + 2:
-        raise fault(path, f"byte {beyond}", "no text; expected a table in UTF-8, UTF-16 or a code page, .xlsx or .mat")
-    for encoding, words in HEADER_WORDS.items():
-        text = head.decode(encoding, errors="replace")
-        if any(word in text for word in words):
-            return data.decode(encoding, errors="replace"), encoding
-    strange = {c for c in head.decode("cp1252", errors="replace") if not c.isascii()} - WESTERN
-    mac = {c for c in head.decode("mac_roman") if not c.isascii()} - WESTERN - {"Ω", "µ"}
-    if strange and not mac:
-        return data.decode("mac_roman"), "Mac Roman"
-    return data.decode("cp1252", errors="replace"), "cp1252"
-
-
-PACKED_MARKS: Final = (
-    (b"\x1f\x8b", "gzip"),
-    (b"BZh", "bz2"),
-    (b"\xfd7zXZ\x00", "lzma"),
-)  # as the formats' definitions fix them
-MOST_BYTES: Final = 1_000_000_000  # a record of ten million rows; zeros of that size are packed into a megabyte
-
-
-def unpacked(data: bytes, path: Path) -> tuple[bytes, str]:
-    """What is inside, and what packed it; the bytes themselves and "" where nothing did. Raises Faults."""
-    packed_by = next((name for mark, name in PACKED_MARKS if data.startswith(mark)), "")
-    if not packed_by:
-        return data, ""
+def _unpack(data: bytes, packed_by: str, path: Path) -> bytes:
     try:
         module = import_module(packed_by)
     except ImportError:  # a Python that was built without bz2 or lzma
@@ -118,49 +73,83 @@ def unpacked(data: bytes, path: Path) -> tuple[bytes, str]:
         raise fault(path, "", f"compressed ({packed_by}), and damaged: {error}") from None
     if len(content) > MOST_BYTES:
         raise fault(path, "", f"unpacks to more than {MOST_BYTES / 1e9:g} GB; expected a record")
-    return content, packed_by
+    return content
 
 
-KIND_MARKS: Final = (  # the first bytes, as the formats' specifications fix them
-    (b"\x89PNG\r\n", "a picture (PNG)"),
-    (b"\xff\xd8\xff", "a picture (JPEG)"),
-    (b"GIF8", "a picture (GIF)"),
-    (b"%PDF-", "a document (PDF)"),
-    (b"\x89HDF\r\n", "an HDF5 file; export its table as CSV"),
-    (b"CDF\x01", "a NetCDF file; export its table as CSV"),
-    (b"CDF\x02", "a NetCDF file; export its table as CSV"),
-    (b"MATLAB 5.0 MAT-file", "a MATLAB file; its name has to end in .mat"),
-    (b"PK\x03\x04", "an archive (ZIP); if it is a workbook, its name has to end in .xlsx"),
-    (b"\xd0\xcf\x11\xe0", "a workbook or document of old (.xls, .doc), or one with a password; save it as CSV"),
-)
-MOST_PROSE_BYTES: Final = 1_000_000  # no configuration, program or letter is longer
-FEW_DIGITS: Final = 0.02  # of the characters: a table of numbers has more than half of them
-WORD: Final = re.compile(r"[^\W\d_]{2,}")
-
-
-def other_kind(path: Path) -> str:
-    """What the file is, in words; '' where that is not known. It is not opened where it is no regular file."""
+def _decode(data: bytes, path: Path) -> tuple[str, str]:
+    """Return the text, and the name of its encoding if that is not UTF."""
+    encoding = next((name for mark, name in BYTE_ORDER_MARKS if data.startswith(mark)), "") or _unmarked_utf16(data)
+    if encoding:
+        try:
+            text = data.decode(encoding)
+        except UnicodeDecodeError as error:
+            raise fault(path, f"byte {error.start}", f"expected {encoding.upper()}, as its first bytes say") from None
+        if "\0" in text:
+            raise fault(path, f"line {text.count(chr(10), 0, text.index(chr(0))) + 1}", "a NUL; expected text")
+        return text, ""
+    if b"\0" in data:
+        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        raise fault(path, f"line {line}", "a NUL byte; expected text (was the file cut off while it was written?)")
     try:
-        if not path.is_file():
+        return data.decode("utf-8"), ""
+    except UnicodeDecodeError as error:
+        return _decode_code_page(data, path, error.start)
+
+
+def _unmarked_utf16(data: bytes) -> str:
+    """Return the kind of UTF-16 if every second byte of the beginning is 0, as of digits and separators; else ''."""
+    head = data[:1000]
+    if len(head) < 8:
+        return ""
+    even, odd = 2 * head[0::2].count(0) / len(head), 2 * head[1::2].count(0) / len(head)
+    if odd > 0.8 and even < 0.1:
+        return "utf-16-le"
+    return "utf-16-be" if even > 0.8 and odd < 0.1 else ""
+
+
+def _decode_code_page(data: bytes, path: Path, beyond: int) -> tuple[str, str]:
+    """Return text of an encoding before UTF-8, and its name; beyond: the first byte that is not UTF-8."""
+    head = data[: max(PROBED_BYTES, beyond + 1000)]
+    control = sum(head.count(bytes([byte])) for byte in range(32) if byte not in (9, 10, 11, 12, 13, 26))
+    if control > 0.01 * len(head) + 2:
+        raise fault(path, f"byte {beyond}", "no text; expected a table in UTF-8, UTF-16 or a code page, .xlsx or .mat")
+    for encoding, words in ASIAN_WORDS.items():
+        text = head.decode(encoding, errors="replace")
+        if any(word in text for word in words):
+            return data.decode(encoding, errors="replace"), encoding
+    strange = {c for c in head.decode("cp1252", errors="replace") if not c.isascii()} - WESTERN
+    strange_mac = {c for c in head.decode("mac_roman") if not c.isascii()} - WESTERN - {"Ω", "µ"}
+    if strange and not strange_mac:
+        return data.decode("mac_roman"), "Mac Roman"
+    return data.decode("cp1252", errors="replace"), "cp1252"
+
+
+def describe_file(path: Path) -> str:
+    """Return what a file is that could not be read as a record, as in 'a picture (PNG)'; '' if that is not known."""
+    try:
+        if not path.is_file():  # a pipe may have no end
             return ""
         with path.open("rb") as file:
-            data = file.read(MOST_PROSE_BYTES + 1)
+            data = file.read(MOST_TEXT_BYTES + 1)
     except OSError:
         return ""
-    for mark, kind in KIND_MARKS:
+    for mark, kind in FILE_KINDS:
         if data.startswith(mark):
             return kind
-    if len(data) > MOST_PROSE_BYTES or b"\0" in data:
+    if len(data) > MOST_TEXT_BYTES or b"\0" in data:
         return ""
     text = data.decode("utf-8", errors="replace").lstrip("\ufeff").replace("\r\n", "\n")
-    return _of_toml(text) or _of_json(text) or _of_python(text) or _of_words(text)
+    for describe in (_describe_toml, _describe_json, _describe_python, _describe_prose):
+        try:
+            if kind := describe(text):
+                return kind
+        except (ValueError, SyntaxError, RecursionError, MemoryError):
+            continue
+    return ""
 
 
-def _of_toml(text: str) -> str:
-    try:
-        tables = tomllib.loads(text)
-    except (ValueError, RecursionError):
-        return ""
+def _describe_toml(text: str) -> str:
+    tables = tomllib.loads(text)
     if "bench" in tables or "experiment" in tables:
         return "a configuration (TOML)"
     if "film" in tables or "plate" in tables:
@@ -168,31 +157,22 @@ def _of_toml(text: str) -> str:
     return "a TOML file" if tables else ""
 
 
-def _of_json(text: str) -> str:
-    try:
-        found = json.loads(text)
-    except (ValueError, RecursionError):
-        return ""
-    return "a JSON file" if isinstance(found, (dict, list)) else ""
+def _describe_json(text: str) -> str:
+    return "a JSON file" if isinstance(json.loads(text), (dict, list)) else ""
 
 
-def _of_python(text: str) -> str:
-    """A program: it is Python's syntax, and imports or defines something."""
-    try:
-        body = ast.parse(text).body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return ""
+def _describe_python(text: str) -> str:
     program = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef)
-    return "a Python program" if any(isinstance(each, program) for each in body) else ""
+    return "a Python program" if any(isinstance(each, program) for each in ast.parse(text).body) else ""
 
 
-def _of_words(text: str) -> str:
-    """Mark-up or prose: lines of words with hardly a digit, and none of them names a column."""
+def _describe_prose(text: str) -> str:
+    """Describe mark-up, or lines of words with hardly a digit of which none names a column."""
     if re.match(r"\s*<(\?xml|!doctype|html|svg)", text, re.IGNORECASE):
         return "an HTML or XML page"
     lines = [line for line in text.splitlines() if line.strip()]
-    digits = sum(map(str.isdigit, text))
-    if len(lines) < 2 or digits > FEW_DIGITS * len(text) or len(WORD.findall(text)) < 2 * len(lines):
+    words = re.findall(r"[^\W\d_]{2,}", text)
+    if len(lines) < 2 or sum(map(str.isdigit, text)) > FEW_DIGITS * len(text) or len(words) < 2 * len(lines):
         return ""
-    names = re.split(r"[\t;,|]", lines[0])
-    return "" if any(meaning_of(name).ours is not None for name in names) else "words without a row of numbers"
+    named = any(interpret_name(name).ours is not None for name in re.split(r"[\t;,|]", lines[0]))
+    return "" if named else "words without a row of numbers"

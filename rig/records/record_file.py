@@ -3,9 +3,8 @@
     read_record         text in any usual encoding and separator, compressed or not, .xlsx, .mat -> Record
     write_columns       columns -> CSV
 
-A record of ours has the names of `rig.core.columns.OF_A_RECORD`, in any order; more columns are kept. Of a record
-from elsewhere names and units are taken where they are plain; where not, the refusal says what --column to type
-(docs/records.md).
+A record of ours has the names of `rig.core.columns.OF_A_RECORD`, in any order; more columns are kept. Names and units
+of another record are taken if they are clear; otherwise the fault says which --column to type (docs/records.md).
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
 from rig.core.file_writing import written
-from rig.records.branches import Rows
+from rig.records.branches import RowOrder
 from rig.records.column_names import ColumnMapping
-from rig.records.conversion import record_of
-from rig.records.file_text import decoded, other_kind, unpacked
+from rig.records.conversion import record_from_table
+from rig.records.file_text import describe_file, read_text_of
 from rig.records.lvm_table import is_lvm, lvm_table
 from rig.records.record import Record, unit_of
-from rig.records.run_table import run_table
+from rig.records.run_table import read_run_table
 from rig.records.table import Table
 from rig.records.text_table import text_table
 from rig.records.units import UNITS
 
-__all__ = ["UNITS", "ColumnMapping", "Record", "Rows", "print_columns", "read_record", "unit_of", "write_columns"]
+__all__ = ["UNITS", "ColumnMapping", "Record", "RowOrder", "print_columns", "read_record", "unit_of", "write_columns"]
 
 WORKBOOKS, MATLAB = (".xlsx", ".xlsm"), ".mat"  # endings of files that are no text
 
@@ -42,35 +41,38 @@ def read_record(
     mappings: Iterable[ColumnMapping] = (),
     needs: Iterable[str] = (),
     decimal: str = "",
-    flags: bool = True,
-    rows: Rows | None = None,
+    options: bool = True,
+    order: RowOrder | None = None,
 ) -> Record:
-    """Read a record. Raises Faults: a missing column, a field that is no number, time that does not increase, a file
-    that is no table at all.
+    """Return the record in a file.
 
-    needs: columns that have to be there, besides time_s. decimal: '.' or ',' where the file leaves open which sign
-    stands before its decimals. flags: whether the caller takes --column, so that refusals may say what to type. rows:
-    what somebody says of their order, where the file has no times.
+    Parameters
+    ----------
+    path : the file
+    mappings : the user's --column options
+    needs : columns that have to be there, besides time_s
+    decimal : '.' or ',' if the user named the decimal sign
+    options : the user can type --column, so that faults may say what to type
+    order : the order of the rows, if the file has no times
+
+    Raises
+    ------
+    Faults
+        A line each for a missing column, a field that is no number, times that do not increase, a file without a table.
     """
     try:
-        return record_of(_table(path, decimal), mappings, needs, flags, rows)
+        return record_from_table(_read_table(path, decimal), mappings, needs, options, order)
     except Faults:
-        kind = other_kind(path) if not _workbook(path) and path.suffix.lower() != MATLAB else ""
+        kind = describe_file(path) if not _is_workbook(path) and path.suffix.lower() != MATLAB else ""
         if not kind:
             raise
     raise fault(path, "", f"this is no table of numbers: {kind}; expected columns of numbers below a line of names")
 
 
-def _fed(path: Path) -> bool:
-    """Whether a pipe is one that this process was started with: somebody writes into it (`... | peltier identify
-    /dev/stdin`, `<(...)` of a shell)."""
-    return path == Path("/dev/stdin") or path.parent in (Path("/dev/fd"), Path("/proc/self/fd"))
-
-
-def _workbook(path: Path) -> bool:
-    """Whether a file is a workbook, by its name and its first bytes: some programs write text under such a name."""
+def _is_workbook(path: Path) -> bool:
+    """Return True if name and first bytes are a workbook's: some programs write text under such a name."""
     try:
-        if path.suffix.lower() not in WORKBOOKS or not path.is_file():  # a pipe that nobody feeds has no first bytes
+        if path.suffix.lower() not in WORKBOOKS or not path.is_file():  # a pipe must not lose its first bytes
             return False
         with path.open("rb") as file:
             return file.read(2) == b"PK"
@@ -78,47 +80,36 @@ def _workbook(path: Path) -> bool:
         return False
 
 
-def _refuse_folder(path: Path) -> None:
-    """Raises Faults; a run's folder has its record inside."""
-    if path.is_dir():
-        inside = path / "record.csv"
-        raise fault(path, "", "is a folder; expected a file" + (f", as {inside}" if inside.is_file() else ""))
-
-
-def _table(path: Path, decimal: str) -> Table:
-    """What a file holds. Raises Faults."""
-    try:
-        _refuse_folder(path)
-        if path.is_char_device() or path.is_socket() or (path.is_fifo() and not _fed(path)):  # these may have no end
-            raise fault(path, "", "is a device or a pipe; expected a file")
-    except OSError as error:  # a name that is too long
-        raise fault(path, "", f"cannot be read: {error.strerror}") from None
+def _read_table(path: Path, decimal: str) -> Table:
     ending = path.suffix.lower()
-    if _workbook(path):
-        from rig.records.workbook_table import workbook_table
-
-        return workbook_table(path, decimal)
-    if ending == MATLAB:
-        from rig.records.matlab_table import matlab_table
-
-        return matlab_table(path)
     try:
-        if not decimal and (table := run_table(path)) is not None:
+        if path.is_dir():
+            inside = path / "record.csv"
+            raise fault(path, "", "is a folder; expected a file" + (f", as {inside}" if inside.is_file() else ""))
+        # Only a pipe that this process was started with has a writer: `... | peltier identify /dev/stdin`, `<(...)`.
+        fed = path == Path("/dev/stdin") or path.parent in (Path("/dev/fd"), Path("/proc/self/fd"))
+        if path.is_char_device() or path.is_socket() or (path.is_fifo() and not fed):
+            raise fault(path, "", "is a device or a pipe; expected a file")
+        if _is_workbook(path):
+            from rig.records.workbook_table import workbook_table
+
+            return workbook_table(path, decimal)
+        if ending == MATLAB:
+            from rig.records.matlab_table import matlab_table
+
+            return matlab_table(path)
+        if not decimal and (table := read_run_table(path)) is not None:
             return table
         data = path.read_bytes()
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None
     except OSError as error:
         raise fault(path, "", f"cannot be read: {error.strerror}") from None
-    data, packed_by = unpacked(data, path)
-    text, encoding = decoded(data, path)
+    text, notes = read_text_of(data, path)
     table = lvm_table(text, path) if is_lvm(text) else text_table(text, path, decimal)
-    if packed_by:
-        table.said.append(f"unpacked ({packed_by})")
     if ending in WORKBOOKS:
-        table.said.append(f"text, and no workbook as its name ({ending}) says")
-    if encoding:
-        table.said.append(f"text in {encoding}")
+        table.notes.append(f"text, and no workbook as its name ({ending}) says")
+    table.notes.extend(notes)
     return table
 
 
@@ -129,15 +120,14 @@ def write_columns(path: Path, columns: Mapping[str, Array | list[str]]) -> None:
 
 
 def print_columns(file: TextIO, columns: Mapping[str, Array | list[str]]) -> None:
-    """The same into an open file."""
-    names = list(columns)
+    """Write columns as CSV into an open file."""
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(names)
-    for row in zip(*(columns[name] for name in names), strict=True):
-        writer.writerow([_shown(value) for value in row])
+    writer.writerow(columns)
+    for row in zip(*columns.values(), strict=True):
+        writer.writerow([_as_field(value) for value in row])
 
 
-def _shown(value: object) -> str:
+def _as_field(value: object) -> str:
     if isinstance(value, str):
         return value
     if isinstance(value, (int, np.integer)):

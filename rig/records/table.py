@@ -1,4 +1,4 @@
-"""A table as a file holds it: names, units below them, columns of fields or numbers, and the line of each row."""
+"""A table as a file or a program holds it: names, units, columns of text or numbers, and the place of each row."""
 
 from __future__ import annotations
 
@@ -11,47 +11,68 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import fault
-from rig.records.numbers import Signs, blank_like
+from rig.records.column_names import Meaning, interpret_name
+from rig.records.numbers import DecimalSign, Numbers, is_blank, read_numbers, replace_sentinels
+
+RowIndices = Sequence[int] | NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """name: as the file has it, '' where it has none. unit: what stands below the name in a line of units."""
+    """A column: name as in the file ('' for none), fields (texts or numbers), unit in the line below the names."""
 
     name: str
     fields: Sequence[str] | Array
     unit: str = ""
 
     @property
-    def numbers(self) -> Array | None:
-        """The values, where they are numbers already (a workbook of MATLAB's, arrays of Python's)."""
-        return None if isinstance(self.fields, list) else self.fields  # type: ignore[return-value]
-
-    @property
     def texts(self) -> list[str] | None:
-        """The fields, where they are text."""
+        """The fields if they are text, else None."""
         return self.fields if isinstance(self.fields, list) else None
 
-    def of(self, rows: Sequence[int] | NDArray[np.intp]) -> Column:
-        """The column with these rows only, in this order; of a row -1 nothing is known."""
+    @property
+    def meaning(self) -> Meaning:
+        """What the name and the unit say."""
+        return interpret_name(self.name, self.unit)
+
+    def select(self, rows: RowIndices) -> Column:
+        """Return the column with these rows in this order; row -1 is an empty field."""
         texts = self.texts
         if texts is not None:
             return replace(self, fields=[texts[k] if k >= 0 else "" for k in rows])
-        taken = np.asarray(rows, dtype=np.intp)
-        return replace(self, fields=np.where(taken < 0, np.nan, np.asarray(self.fields)[taken]))
+        index = np.asarray(rows, dtype=np.intp)
+        return replace(self, fields=np.where(index < 0, np.nan, np.asarray(self.fields)[index]))
 
     def filled(self) -> NDArray[np.bool_]:
-        """The rows in which something stands."""
+        """Return the rows whose field is not empty."""
         if self.texts is not None:
-            return np.array([not blank_like(text) for text in self.texts], dtype=np.bool_)
+            return np.array([not is_blank(text) for text in self.texts], dtype=np.bool_)
         return np.isfinite(np.asarray(self.fields, dtype=np.float64))
+
+    def first(self) -> str:
+        """Return the first text that is not blank; '' if there is none."""
+        return next((text for text in self.texts or () if not is_blank(text)), "")
+
+    def numbers(self, decimal: DecimalSign, ending: str | None = None) -> Numbers:
+        """Return the fields as numbers. Raises ValueError as `read_numbers` does."""
+        if self.texts is not None:
+            return read_numbers(self.texts, decimal, ending)
+        return replace_sentinels(np.asarray(self.fields, dtype=np.float64), ending)
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """source: the file. place: where its names are, as 'line 1'. line_of: the line of each row, for messages; row
-    counts from 0. named: whether it has names. times: where those come from: the file, a period that was typed, or
-    the order of the rows alone. said: what was read as what."""
+    """A table with names.
+
+    Attributes
+    ----------
+    source : the file
+    place : of the names, such as 'line 1'
+    line_of : the line of each row, for messages; row_word: 'line', or 'row' if the file has no lines
+    named : False if the file has no names
+    notes : what was read as what, for people
+    times : where times come from: "file", "period" (typed) or "rows" (only their order is known)
+    """
 
     source: str
     place: str
@@ -59,39 +80,38 @@ class Table:
     line_of: Sequence[int]
     row_word: str = "line"
     named: bool = True
-    signs: Signs = field(default_factory=Signs)
-    said: list[str] = field(default_factory=list)
+    decimal: DecimalSign = field(default_factory=DecimalSign)
+    notes: list[str] = field(default_factory=list)
     times: str = "file"
 
-    def at(self, row: int) -> str:
-        """A row's place in words."""
+    def place_of(self, row: int) -> str:
+        """Return the place of a row, as in 'line 12'."""
         return f"{self.row_word} {self.line_of[row]}"
 
-    def names(self) -> list[str]:
-        """Names as they are told: '#3' for a column without one."""
+    def shown_names(self) -> list[str]:
+        """Return the names for messages: '#3' for a third column without a name."""
         return [column.name or f"#{k + 1}" for k, column in enumerate(self.columns)]
 
-    def of(self, rows: Sequence[int] | NDArray[np.intp]) -> Table:
-        """The table with these rows only, in this order."""
+    def select(self, rows: RowIndices) -> Table:
+        """Return the table with these rows in this order."""
         lines = [self.line_of[k] for k in rows]
-        return replace(self, columns=[column.of(rows) for column in self.columns], line_of=lines)
+        return replace(self, columns=[column.select(rows) for column in self.columns], line_of=lines)
 
 
-def array_table(columns: Mapping[str, Any], source: str) -> Table:
-    """A table of columns by name. Raises Faults: none, of unequal length, or of more than one dimension."""
+def table_from_arrays(columns: Mapping[str, Any], source: str) -> Table:
+    """Return a table of arrays by name. Raises Faults: no arrays, of unequal length, or of several dimensions."""
     table = [Column(str(name), _fields(np.asarray(values), str(name), source)) for name, values in columns.items()]
     lengths = {column.name: len(column.fields) for column in table}
     if not table:
         raise fault(source, "", "no columns; expected time_s and what was measured")
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise fault(source, "", f"columns of unequal length: {told}")
-    rows = next(iter(lengths.values()))
-    return Table(source, "", table, range(rows), row_word="row")
+        shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise fault(source, "", f"columns of unequal length: {shown}")
+    return Table(source, "", table, range(len(table[0].fields)), row_word="row")
 
 
 def _fields(values: Any, name: str, source: str) -> Any:
-    """Numbers as float64; times as seconds from the first; all else as text."""
+    """Return numbers as float64, dates as text, durations as seconds, all else as text."""
     values = np.squeeze(values) if values.ndim > 1 else values
     if values.ndim != 1:
         raise fault(source, repr(name), f"{values.ndim} dimensions; expected one")
@@ -99,9 +119,7 @@ def _fields(values: Any, name: str, source: str) -> Any:
         return ["" if np.isnat(value) else str(value) for value in values.astype("datetime64[us]")]
     if values.dtype.kind == "m":
         return values / np.timedelta64(1, "ns") * 1e-9
-    if values.dtype.kind in "biuf":
-        return values.astype(np.float64)
-    if values.dtype.kind == "O":
+    if values.dtype.kind in "biufO":
         try:
             return values.astype(np.float64)
         except (TypeError, ValueError):
@@ -109,8 +127,8 @@ def _fields(values: Any, name: str, source: str) -> Any:
     return ["" if text in ("None", "nan", "NaN", "NaT", "<NA>") else text for text in map(str, values)]
 
 
-def columns_of_frame(frame: Any) -> dict[str, Any]:
-    """A data frame's columns by name, its index among them where it is one of dates or has a name."""
+def frame_columns(frame: Any) -> dict[str, Any]:
+    """Return a data frame's columns by name, and its index if it holds dates or has a name of its own."""
     columns: dict[str, Any] = {}
     index = getattr(frame, "index", None)
     name = getattr(index, "name", None)
@@ -118,6 +136,4 @@ def columns_of_frame(frame: Any) -> dict[str, Any]:
         values = np.asarray(index)
         if values.dtype.kind == "M" or name is not None:
             columns[str(name) if name is not None else "time"] = values
-    for name in frame.columns:
-        columns[str(name)] = np.asarray(frame[name])
-    return columns
+    return columns | {str(name): np.asarray(frame[name]) for name in frame.columns}

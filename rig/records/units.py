@@ -1,7 +1,7 @@
-"""Units of a record's columns: how each becomes ours, and how labs spell them.
+"""Units of a record's columns: how each converts to ours, and how labs spell them.
 
-A spelling is taken only where it is plain. 'mohm' and 'MOHM' are written for milliohms and for megohms alike: their
-quantity is known, their unit is not, and whoever wrote the file has to say.
+A spelling is accepted only if it has one meaning. 'mohm' and 'MOHM' stand for milliohms and for megohms alike: the
+quantity is known, the unit is not, and the user has to name it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -18,89 +18,60 @@ from compensator.hysteresis.functions import Array
 Conversion = Callable[[Array], Array]
 
 
-def _times(factor: float) -> Conversion:
-    return lambda x: x * factor
+def _multiply(factor: float, x: Array) -> Array:
+    return x * factor
 
 
-def _reciprocal(factor: float) -> Conversion:
-    """A conductance in units of 1/factor siemens as a resistance; no conductance is a resistance beyond the range."""
-
-    def convert(x: Array) -> Array:
-        with np.errstate(divide="ignore"):
-            return np.where(x == 0.0, np.inf, factor / x)
-
-    return convert
-
-
-def _kelvins(factor: float, x: Array) -> Array:
-    """A reciprocal temperature in degC; of 0 there is none."""
+def _divide(factor: float, offset: float, at_zero: float, x: Array) -> Array:
+    """Return factor / x + offset, and at_zero where x is 0 (no conductance: a resistance beyond the range)."""
     with np.errstate(divide="ignore"):
-        return np.where(x == 0.0, np.nan, factor / x - 273.15)
+        return np.where(x == 0.0, at_zero, factor / x + offset)
 
 
-def _power(base: float) -> Conversion:
-    """A resistance of which the logarithm was written; what no float can hold is beyond the range."""
-
-    def convert(x: Array) -> Array:
-        with np.errstate(over="ignore", under="ignore"):
-            return np.asarray(base**x, dtype=np.float64)
-
-    return convert
+def _raise_to(base: float, x: Array) -> Array:
+    """Return the resistance of which x is the logarithm; infinite if no float can hold it."""
+    with np.errstate(over="ignore", under="ignore"):
+        return np.asarray(base**x, dtype=np.float64)
 
 
-# the ending of our column's name -> unit -> how it becomes ours
+def _factors(**by_unit: float) -> dict[str, Conversion]:
+    return {unit: partial(_multiply, factor) for unit, factor in by_unit.items()}
+
+
+# the ending of our column's name -> unit -> conversion to ours
 UNITS: Mapping[str, Mapping[str, Conversion]] = {
-    "s": {
-        "s": lambda x: x,
-        "ms": _times(1e-3),
-        "us": _times(1e-6),
-        "ns": _times(1e-9),
-        "min": _times(60.0),
-        "h": _times(3600.0),
-        "d": _times(86400.0),
-    },
+    "s": _factors(s=1.0, ms=1e-3, us=1e-6, ns=1e-9, min=60.0, h=3600.0, d=86400.0),
     "degC": {
         "degC": lambda x: x,
         "K": lambda x: x - 273.15,
         "mK": lambda x: x * 1e-3 - 273.15,
         "degF": lambda x: (x - 32.0) / 1.8,
-        "1/K": lambda x: _kelvins(1.0, x),  # as Arrhenius plots have it
-        "1000/K": lambda x: _kelvins(1e3, x),
+        "1/K": partial(_divide, 1.0, -273.15, np.nan),  # the axis of an Arrhenius plot
+        "1000/K": partial(_divide, 1e3, -273.15, np.nan),
     },
     "ohm": {
-        "ohm": lambda x: x,
-        "mohm": _times(1e-3),
-        "kohm": _times(1e3),
-        "Mohm": _times(1e6),
-        "Gohm": _times(1e9),
-        "log10ohm": _power(10.0),
-        "lnohm": _power(float(np.e)),
-        "S": _reciprocal(1.0),
-        "mS": _reciprocal(1e3),
-        "uS": _reciprocal(1e6),
-        "nS": _reciprocal(1e9),
+        **_factors(ohm=1.0, mohm=1e-3, kohm=1e3, Mohm=1e6, Gohm=1e9),
+        "log10ohm": partial(_raise_to, 10.0),
+        "lnohm": partial(_raise_to, float(np.e)),
+        **{unit: partial(_divide, 10.0**k, 0.0, np.inf) for unit, k in {"S": 0, "mS": 3, "uS": 6, "nS": 9}.items()},
     },
     "A": {
-        "A": lambda x: x,
-        "mA": _times(1e-3),
-        "uA": _times(1e-6),
-        "nA": _times(1e-9),
+        **_factors(A=1.0, mA=1e-3, uA=1e-6, nA=1e-9),
         "duty": lambda x: x,
         "percent": lambda x: x / 100.0,
         "pwm255": lambda x: x / 255.0,
     },
 }
-
-SHARES = ("duty", "percent", "pwm255")  # of full drive: no amperes
+DRIVE_SHARES = ("duty", "percent", "pwm255")  # of full drive: not amperes
 CONDUCTANCES = ("S", "mS", "uS", "nS")
 LOGARITHMS = ("log10ohm", "lnohm")
 RECIPROCALS = ("1/K", "1000/K")  # of a temperature
-SYMBOLS = {"Ω": "ohm", "Ohm": "ohm", "kΩ": "kohm", "kOhm": "kohm", "MΩ": "Mohm", "MOhm": "Mohm", "GΩ": "Gohm"}
-SYMBOLS |= {"°C": "degC", "°F": "degF", "μA": "uA", "μS": "uS", "μs": "us", "%": "percent"}
-LATEX = {r"\Omega": "Ω", r"\omega": "Ω", r"^\circ": "°", r"^{\circ}": "°", r"\circ": "°", r"\degree": "°", r"\mu": "μ"}
-LATEX |= {r"\mathrm": "", r"\rm": "", "$": "", "{": "", "}": "", "\\": ""}
 
-_WORDS = {
+_SYMBOLS = {"Ω": "ohm", "Ohm": "ohm", "kΩ": "kohm", "kOhm": "kohm", "MΩ": "Mohm", "MOhm": "Mohm", "GΩ": "Gohm"}
+_SYMBOLS |= {"°C": "degC", "°F": "degF", "μA": "uA", "μS": "uS", "μs": "us", "%": "percent"}
+_LATEX = {r"\Omega": "Ω", r"\omega": "Ω", r"^\circ": "°", r"^{\circ}": "°", r"\circ": "°", r"\degree": "°"}
+_LATEX |= {r"\mu": "μ", r"\mathrm": "", r"\rm": "", "$": "", "{": "", "}": "", "\\": ""}
+_TIME_WORDS = {
     "s": "s sec secs second seconds sek sekunde sekunden seconde secondes segundos secondi 秒",
     "ms": "ms msec msecs millisecond milliseconds millisekunden",
     "us": "us μs usec microsecond microseconds",
@@ -109,81 +80,75 @@ _WORDS = {
     "h": "h hr hrs hour hours std stunde stunden heure heures horas ore",
     "d": "d day days tag tage jour jours",
 }
-_TIMES = {word: unit for unit, words in _WORDS.items() for word in words.split()}
+_TIMES = {word: unit for unit, words in _TIME_WORDS.items() for word in words.split()}
 _OHM_PREFIX = {"": "ohm", "m": "mohm", "k": "kohm", "K": "kohm", "kilo": "kohm", "M": "Mohm", "mega": "Mohm"}
 _OHM_PREFIX |= {"Mega": "Mohm", "Kilo": "kohm", "meg": "Mohm", "Meg": "Mohm", "G": "Gohm", "milli": "mohm"}
-_SIEMENS = {"": "S", "m": "mS", "μ": "uS", "u": "uS", "n": "nS", "milli": "mS", "micro": "uS", "nano": "nS"}
-_AMPERE = {"": "A", "m": "mA", "μ": "uA", "u": "uA", "n": "nA", "milli": "mA", "micro": "uA", "nano": "nA"}
+_SMALL_PREFIX = {"": "", "m": "m", "μ": "u", "u": "u", "n": "n", "milli": "m", "micro": "u", "nano": "n"}
+_SIEMENS = ("1/Ω", "Ω^-1", "Ω-1", "1/Ohm", "1/ohm", "Ohm^-1", "ohm^-1", "A/V")
+# units of quantities that none of our columns has: a name that ends in one is of that quantity
+_OTHER = "V mV uV μV kV W mW kW Hz kHz MHz Pa hPa kPa MPa bar mbar Torr nm um μm mm cm counts LSB dB dBm ppm"
+OTHER_UNITS = frozenset(_OTHER.split())
 
 
-# of quantities that no column of ours is: a name that ends in one says so
-_OTHER_UNITS = "V mV uV μV kV W mW kW Hz kHz MHz Pa hPa kPa MPa bar mbar Torr nm um μm mm cm counts LSB dB dBm ppm"
-OTHER_UNITS = frozenset(_OTHER_UNITS.split())
-
-
-def straightened(text: str) -> str:
-    """One way of writing for what looks the same: signs of unit, full-width letters, LaTeX."""
+def normalize_text(text: str) -> str:
+    """Return a text with one spelling of what looks the same: signs of units, full-width letters, LaTeX."""
     text = unicodedata.normalize("NFKC", text)
     if "\\" in text or "$" in text:
-        for written, meant in LATEX.items():
+        for written, meant in _LATEX.items():
             text = text.replace(written, meant)
     return text.replace("º", "°").strip()
 
 
-def foreign(text: str, ending: str) -> bool:
-    """Whether a unit's spelling is one of another quantity than that of our columns with this ending: 'V', 'K/min',
-    '1/K', 'Ohm cm'."""
-    found = spelled(text)
+def is_foreign_unit(text: str, ending: str) -> bool:
+    """Return True if a unit is of another quantity than our columns with this ending: 'V', 'K/min', '1/K', 'Ohm cm'."""
+    found = parse_unit(text)
     if found is not None:
         return found[0] != ending
-    text = straightened(text)
+    text = normalize_text(text)
     parts = [part for part in re.split(r"[/·*⋅\s]|\^?-\d", text) if part]
-    known = [part for part in parts if spelled(part) is not None or part in OTHER_UNITS]
-    return text in OTHER_UNITS or (bool(known) and parts != [text])
+    known = any(parse_unit(part) is not None or part in OTHER_UNITS for part in parts)
+    return text in OTHER_UNITS or (known and parts != [text])
 
 
 @lru_cache(maxsize=4096)
-def spelled(text: str) -> tuple[str, str | None] | None:
-    """What a unit's spelling says: the ending of our column's name, and the unit; None for the unit where the spelling
-    leaves it open; None where it is no unit of these."""
+def parse_unit(text: str) -> tuple[str, str | None] | None:
+    """Return the ending of our column's name and the unit that a spelling stands for, as in ("ohm", "kohm").
+
+    The unit is None if the spelling has several meanings; the result is None if it is no unit of `UNITS`.
+    """
     if len(text) > 60:
         return None
-    text = re.sub(r"[\s.]", "", straightened(text)).strip("[](){}<>")
+    text = re.sub(r"[\s.]", "", normalize_text(text)).strip("[](){}<>")
     if not text or len(text) > 24:
         return None
+    if re.fullmatch(r"(?=[av]).*[a-z]dc", text.lower()):  # 'Amp DC', 'Volt DC': meters write so into their buffers
+        text = text[:-2]
     low = text.lower()
-    if re.fullmatch(r".*[a-z]dc", low) and low[0] in "av":  # 'Amp DC', 'Volt DC': as meters write into their buffers
-        text, low = text[:-2], low[:-2]
     if low in ("mohm", "mohms") and (text.islower() or text.isupper()):
         return "ohm", None
-    text = re.sub(r"/(?:sq|square|□)$", "", text)  # a sheet's resistance, ohms per square, is one
+    text = re.sub(r"/(?:sq|square|□)$", "", text)  # a sheet resistance, ohms per square, is a resistance
     if match := re.fullmatch(r"(.*?)(?:Ω|[Oo]hms?|OHMS?)", text):
         unit = _OHM_PREFIX.get(match[1].rstrip("-"))
         return ("ohm", unit) if unit else None
-    if (match := re.fullmatch(r"(.*?)(?:S|[Ss]iemens|mhos?)", text)) and match[1] in _SIEMENS:
-        return "ohm", _SIEMENS[match[1]]
-    if text in ("1/Ω", "Ω^-1", "Ω-1", "1/Ohm", "1/ohm", "Ohm^-1", "ohm^-1", "A/V"):
+    if (match := re.fullmatch(r"(.*?)(?:S|[Ss]iemens|mhos?)", text)) and match[1] in _SMALL_PREFIX:
+        return "ohm", f"{_SMALL_PREFIX[match[1]]}S"
+    if text in _SIEMENS:
         return "ohm", "S"
-    if (match := re.fullmatch(r"(.*?)(?:A|[Aa]mps?|[Aa]mperes?)", text)) and match[1] in _AMPERE:
-        return "A", _AMPERE[match[1]]
+    if (match := re.fullmatch(r"(.*?)(?:A|[Aa]mps?|[Aa]mperes?)", text)) and match[1] in _SMALL_PREFIX:
+        return "A", f"{_SMALL_PREFIX[match[1]]}A"
     if low in ("%", "percent", "pct", "prozent"):
         return "A", "percent"
     if text in ("log10ohm", "lg(Ω)", "log10(Ω)", "log10(Ohm)", "log10(ohm)"):
         return "ohm", "log10ohm"
-    return _temperature(text) or (("s", _TIMES[low]) if low in _TIMES and text != "MS" else None)
-
-
-def _temperature(text: str) -> tuple[str, str] | None:
-    """Of degrees, the letter alone is a capital: a small c or k is something else."""
     if text == "mK":
         return "degC", "mK"
-    match = re.fullmatch(r"(degrees?|deg_?|grad|°|o)?(C|c|celsius|K|k|kelvin|F|f|fahrenheit)", text, re.IGNORECASE)
-    if match is None or (match[1] is None and text in "ckf"):
-        return None
-    return "degC", {"c": "degC", "k": "K", "f": "degF"}[match[2][0].lower()]
+    match = re.fullmatch(r"(degrees?|deg_?|grad|°|o)?(C|celsius|K|kelvin|F|fahrenheit)", text, re.IGNORECASE)
+    if match is not None and (match[1] is not None or text not in "ckf"):  # a small letter alone is something else
+        return "degC", {"c": "degC", "k": "K", "f": "degF"}[match[2][0].lower()]
+    return ("s", _TIMES[low]) if low in _TIMES and text != "MS" else None
 
 
-def asked_unit(text: str, ending: str) -> str | None:
-    """The unit that somebody typed after @, by its name or its symbol; None where it is none of these."""
-    unit = SYMBOLS.get(straightened(text), text)
+def parse_typed_unit(text: str, ending: str) -> str | None:
+    """Return the unit that the user typed after @, by name or symbol; None if it is none of this ending's."""
+    unit = _SYMBOLS.get(normalize_text(text), text)
     return unit if unit in UNITS[ending] else None

@@ -217,8 +217,8 @@ def _other_versions(path: Path) -> dict[str, tuple[str, str]]:
 def _record(path: Path) -> Record:
     """The run's rows. Raises Faults where a column is missing that the law saw or set."""
     needs = ("temperature_degC", "meter_current_A", "current_A", "setpoint_degC")
-    record = read_record(path, needs=needs, flags=False)
-    record = replace(record, columns=record.as_read())  # what the law saw
+    record = read_record(path, needs=needs, options=False)
+    record = replace(record, columns=record.raw_columns())  # what the law saw
     if "phase" not in record.text_columns:
         raise fault(path, "phase", "missing; expected the column of a run's record")
     return record

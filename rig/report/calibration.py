@@ -78,7 +78,7 @@ def _predicted(path: Path, rows: int) -> Array | None:
 
     if not path.is_file():
         return None
-    found = read_record(path, flags=False).columns.get("predicted_ohm")
+    found = read_record(path, options=False).columns.get("predicted_ohm")
     return found if found is not None and found.size == rows else None
 
 

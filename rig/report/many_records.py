@@ -129,7 +129,7 @@ def _read(record: Record) -> Row:
         if record.has(name):
             finite = record[name][np.isfinite(record[name])]
             row |= {f"{name}.lowest": float(finite.min()), f"{name}.highest": float(finite.max())}
-    return {**row, "read": " / ".join(record.said)}
+    return {**row, "read": " / ".join(record.notes)}
 
 
 def _read_in_words(row: Mapping[str, Any]) -> Html:

@@ -64,15 +64,15 @@ def live_run(folder: RunFolder) -> RunRows:
 
 def _columns_on_disk(path: Path) -> dict[str, Any]:
     from rig.records.record_file import read_record
-    from rig.records.run_table import run_columns
+    from rig.records.run_table import read_run_columns
 
     with suppress(OSError):  # told by what reads it then
-        if (columns := run_columns(path)) is not None and set(NEEDED) <= set(columns):
+        if (columns := read_run_columns(path)) is not None and set(NEEDED) <= set(columns):
             return columns
-    record = read_record(path, needs=NEEDED, flags=False)
+    record = read_record(path, needs=NEEDED, options=False)
     if PHASE not in record.text_columns:
         raise fault(path, PHASE, "missing; expected the record of a run")
-    return {**record.as_read(), **{name: np.array(texts) for name, texts in record.text_columns.items()}}
+    return {**record.raw_columns(), **{name: np.array(texts) for name, texts in record.text_columns.items()}}
 
 
 def recorded_inside(folder: Path) -> list[RunRows]:

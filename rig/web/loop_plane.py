@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.history.reading import loop_points, temperatures
-from rig.records.film_output import ohm
+from rig.records.film_output import output_to_ohm
 
 HOUR_S = 3600.0  # of points shown: some turns of the film
 POINTS = 1500  # more hide each other on a figure of 600 pixels
@@ -111,7 +111,7 @@ class _Followed:
         interval = Inverse(self._model, *self._limits).solve(1e6, self._memory).interval
         reachable = None
         if interval is not None:
-            reachable = sorted(ohm(output) for output in self._mixed(np.array(interval)).tolist())
+            reachable = sorted(output_to_ohm(output) for output in self._mixed(np.array(interval)).tolist())
         return {"temperature_degC": self._memory.input_degC, "branch": self._branch, "reachable_ohm": reachable}
 
     def _look_where_it_goes(self, degC: float) -> None:

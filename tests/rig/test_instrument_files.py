@@ -11,7 +11,7 @@ import pytest
 
 from rig.core.faults import Faults
 from rig.records.record import Record
-from rig.records.record_file import Rows, read_record
+from rig.records.record_file import RowOrder, read_record
 
 Peltier = Callable[..., tuple[int, str, str]]
 END = "***End_of_Header***"
@@ -141,9 +141,9 @@ def test_two_readings_in_a_second_that_is_not_parted(tmp_path: Path) -> None:
     assert "the same as in the row before (15 such rows" in said
     assert "--period SECONDS if they are evenly apart" in said
     (tmp_path / "a.csv").write_text(stacked(stamps, DEGC, OHM))
-    record = read_record(tmp_path / "a.csv", needs=("temperature_degC",), rows=Rows(period_s=0.5))
+    record = read_record(tmp_path / "a.csv", needs=("temperature_degC",), order=RowOrder(period_s=0.5))
     assert_read(record, 0.5)
-    assert "'_time' left" in " ".join(record.said)
+    assert "'_time' left" in " ".join(record.notes)
 
 
 def test_a_databases_rows_with_the_begin_and_end_of_the_query(tmp_path: Path) -> None:
@@ -230,4 +230,4 @@ def test_vectors_beside_an_object_are_read(tmp_path: Path) -> None:
     path.write_bytes(HEADER + content)
     record = read_record(path)
     np.testing.assert_allclose(record["temperature_degC"], [26.85, 27.85, 28.85])
-    assert "MATLAB objects left: t" in record.said[0]
+    assert "MATLAB objects left: t" in record.notes[0]

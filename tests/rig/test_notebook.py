@@ -71,7 +71,7 @@ def test_a_record_of_each_kind(record: rig.Record, tmp_path: Path) -> None:
     for source in (columns, tmp_path / "r.csv", str(tmp_path / "r.csv"), pandas.DataFrame(columns)):
         read = rig.read_record(source)
         np.testing.assert_allclose(read["temperature_degC"], record["temperature_degC"], atol=1e-9)
-        assert any("T [K]" in line for line in read.said)
+        assert any("T [K]" in line for line in read.notes)
     assert rig.read_record({"time_s": [0.0, 1.0], "V": [2, 3]}, "temperature_degC=V").rows == 2
 
 
@@ -353,7 +353,7 @@ def test_every_door_speaks_python(tmp_path: Path) -> None:
     record = rig.Record({"time_s": np.arange(30.0), "temperature_degC": np.linspace(20.0, 60.0, 30)})
     for call in (
         lambda: rig.read_record(columns),
-        lambda: rig.Record.from_arrays(columns, needs=("temperature_degC",)),
+        lambda: rig.read_record(columns, needs=("temperature_degC",)),
         lambda: rig.identify(columns),
         lambda: rig.predict(model, record, drive="current"),
         lambda: rig.predict(model, record, first_s=5.0),

@@ -16,7 +16,7 @@ from rig.config import tables as configuration_tables
 from rig.config.model_file import Model
 from rig.config.schema import Table
 from rig.core.faults import Faults
-from rig.records.record import Record
+from rig.records.conversion import record_from_arrays
 from sim.inference.film.fit import identify_film
 from sim.inference.readings.temperature_path import temperature_path
 from sim.world.world import World
@@ -53,7 +53,7 @@ def test_a_predictions_noise_too() -> None:
 @pytest.mark.parametrize("first_s", [*NONE, 0.0])
 def test_seconds_of_first_rows(first_s: float) -> None:
     time, v, y = film_record()
-    record = Record.from_arrays({"time_s": time, "temperature_degC": v, "resistance_ohm": 10.0**-y})
+    record = record_from_arrays({"time_s": time, "temperature_degC": v, "resistance_ohm": 10.0**-y})
     with pytest.raises(Faults, match=r"first_s=.*: expected a number of seconds > 0"):
         rig.predict(Model(is_prandtl_ishlinskii(0), None), record, initial="fitted", first_s=first_s)
 

@@ -18,10 +18,10 @@ from rig.analysis.film_numbers import numbers_of_record
 from rig.command.record_arguments import add_record_arguments, read_each
 from rig.core.faults import Faults
 from rig.notebook.records import as_records
-from rig.records.branches import loops
+from rig.records.branches import join_branches
 from rig.records.column_names import ColumnMapping
 from rig.records.record import Record, Refused
-from rig.records.record_file import Rows, read_record
+from rig.records.record_file import RowOrder, read_record
 
 Peltier = Callable[..., tuple[int, str, str]]
 HALF = 150  # rows of a branch
@@ -47,9 +47,9 @@ def loop() -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([parts[0][0], parts[1][0]]), np.concatenate([parts[0][1], parts[1][1]])
 
 
-def read(path: Path, text: str, *columns: str, rows: Rows | None = None) -> Record:
+def read(path: Path, text: str, *columns: str, rows: RowOrder | None = None) -> Record:
     path.write_text(text)
-    return read_record(path, [ColumnMapping.parse(one) for one in columns], ("temperature_degC",), rows=rows)
+    return read_record(path, [ColumnMapping.parse(one) for one in columns], ("temperature_degC",), order=rows)
 
 
 def refusal(path: Path, text: str, *columns: str) -> str:
@@ -121,12 +121,12 @@ def test_a_cooling_branch_that_is_sorted_upwards(tmp_path: Path) -> None:
     """It was reported as heating."""
     degC, ohm = branch(False)
     text = "T (C),R (Ohm)\n" + rows_of(degC[::-1], ohm[::-1])
-    record = read(tmp_path / "branch.csv", text, "time_s=row", rows=Rows(turned=True))
+    record = read(tmp_path / "branch.csv", text, "time_s=row", rows=RowOrder(reversed=True))
     assert transition(record) == (None, pytest.approx(COOLING_DEGC, abs=0.3))
     named = read(tmp_path / "film_cooling.csv", text, "time_s=row")
-    (turned,) = loops([named], Rows())
+    (turned,) = join_branches([named], RowOrder())
     assert transition(turned) == (None, pytest.approx(COOLING_DEGC, abs=0.3))
-    assert "its name says cooling" in " ".join(turned.said)
+    assert "its name says cooling" in " ".join(turned.notes)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_a_cooling_branch_that_is_sorted_upwards(tmp_path: Path) -> None:
 )
 def test_branches_in_two_files(tmp_path: Path, names: tuple[str, str], asked: bool) -> None:
     """Two records of a branch each have no hysteresis."""
-    rows = Rows(branches=asked)
+    rows = RowOrder(branches=asked)
     found = []
     for name, heating in zip(names, (True, False), strict=True):
         degC, ohm = branch(heating)
@@ -147,10 +147,10 @@ def test_branches_in_two_files(tmp_path: Path, names: tuple[str, str], asked: bo
         found.append(
             read(tmp_path / name, "T (C),R (Ohm)\n" + rows_of(degC[order], ohm[order]), "time_s=row", rows=rows)
         )
-    (joined,) = loops(found, rows)
+    (joined,) = join_branches(found, rows)
     assert_the_loop(joined)
     assert np.all(np.diff(joined["time_s"]) > 0.0)
-    assert len(loops(found[:1], Rows())) == 1
+    assert len(join_branches(found[:1], RowOrder())) == 1
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_branches_side_by_side(tmp_path: Path, head: str) -> None:
     text = f"{head}\n" + rows_of(*branch(True), *(values[::-1] for values in branch(False)))
     record = read(tmp_path / "film.csv", text)
     assert_the_loop(record)
-    assert "branches side by side taken one after the other" in " ".join(record.said)
+    assert "branches side by side taken one after the other" in " ".join(record.notes)
 
 
 def test_branches_side_by_side_with_times(tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_branches_side_by_side_in_two_units(tmp_path: Path, head: str, asked: bo
     """Both were taken in the first one's unit: degrees as kelvins, ohms as kilohms."""
     text = f"{head}\n" + rows_of(*branch(True), *branch(False))
     with pytest.raises(Faults) as found:
-        read(tmp_path / "film.csv", text, rows=Rows(branches=asked))
+        read(tmp_path / "film.csv", text, rows=RowOrder(branches=asked))
     (line,) = found.value.lines
     assert re.search(r"is in (K|kohm), .* in (degC|ohm): heating and cooling side by side\? expected both in", line)
     one = ("time_s=row", "temperature_degC=#1@degC", "resistance_ohm=#2@ohm")
@@ -210,30 +210,30 @@ def test_branches_side_by_side_of_which_cooling_came_first(tmp_path: Path) -> No
     head = "t_heating (s),T_heating (C),R_heating (ohm),t_cooling (s),T_cooling (C),R_cooling (ohm)"
     text = f"{head}\n" + rows_of(seconds + HALF + 60.0, *branch(True), seconds, *branch(False))
     record = read(tmp_path / "film.csv", text)
-    assert "cooling first" in " ".join(record.said)
-    assert "put behind" not in " ".join(record.said)
+    assert "cooling first" in " ".join(record.notes)
+    assert "put behind" not in " ".join(record.notes)
     np.testing.assert_allclose(record["time_s"], np.concatenate([seconds, seconds + HALF + 60.0]))
     np.testing.assert_allclose(record["temperature_degC"][:HALF], branch(False)[0], rtol=1e-5)
     anew = read(tmp_path / "film.csv", f"{head}\n" + rows_of(seconds, *branch(True), seconds, *branch(False)))
-    assert "heating first; its times put behind the first" in " ".join(anew.said)
+    assert "heating first; its times put behind the first" in " ".join(anew.notes)
 
 
 def test_rows_that_are_turned_keep_the_numbers_that_stand_for_times(tmp_path: Path) -> None:
     """--reversed turned the numbers that the program itself had given: "falls in every row; expected --reversed"."""
     head = "T_heating (C),R_heating (ohm),T_cooling (C),R_cooling (ohm)"
     text = f"{head}\n" + rows_of(*branch(True), *branch(False))
-    assert_the_loop(read(tmp_path / "film.csv", text, rows=Rows(turned=True)))
+    assert_the_loop(read(tmp_path / "film.csv", text, rows=RowOrder(reversed=True)))
 
 
 def test_names_that_stand_twice_are_asked_for(tmp_path: Path) -> None:
     text = "T (C),R (ohm),T (C),R (ohm)\n" + rows_of(*branch(True), *branch(False))
     assert "heating and cooling side by side? expected --branches" in refusal(tmp_path / "film.csv", text)
-    assert_the_loop(read(tmp_path / "film.csv", text, rows=Rows(branches=True)))
+    assert_the_loop(read(tmp_path / "film.csv", text, rows=RowOrder(branches=True)))
 
 
 @pytest.mark.parametrize("line", ["cooling,cooling,heating,heating", "Cooling,,Heating,", "cooled run,,heated run,"])
-@pytest.mark.parametrize("rows", [None, Rows(branches=True)])
-def test_a_line_above_the_rows_says_which_branch_is_which(tmp_path: Path, line: str, rows: Rows | None) -> None:
+@pytest.mark.parametrize("rows", [None, RowOrder(branches=True)])
+def test_a_line_above_the_rows_says_which_branch_is_which(tmp_path: Path, line: str, rows: RowOrder | None) -> None:
     """Origin's line of comments was ignored, and the branch that stands first was heating whatever it said."""
     text = f"T,R,T,R\ndegC,Ohm,degC,Ohm\n{line}\n" + rows_of(*branch(False), *branch(True))
     record = read(tmp_path / "film.csv", text, rows=rows)
@@ -247,7 +247,7 @@ def test_branches_below_each_other(tmp_path: Path) -> None:
     text = "T (C),R (ohm)\n" + "".join(rows_of(*part) for part in parts)
     said = refusal(tmp_path / "film.csv", text, "time_s=row")
     assert "in one row: two branches, sorted alike? expected --branches" in said
-    assert_the_loop(read(tmp_path / "film.csv", text, "time_s=row", rows=Rows(branches=True)))
+    assert_the_loop(read(tmp_path / "film.csv", text, "time_s=row", rows=RowOrder(branches=True)))
     named = "T (C),R (ohm),sweep\n"
     for part, word in zip(parts, ("heating", "cooling"), strict=True):
         named += rows_of(*part).replace("\n", f",{word}\n")
@@ -270,16 +270,16 @@ def with_a_fault(heating: bool, upwards: bool = True) -> str:
 def assert_left_out(record: Record, *rows: list[int]) -> None:
     """Rows from 1, first and last: those named are those without a temperature, and the fault value is kept aside."""
     assert [one["rows"] for one in record.left_out_document()] == list(rows)
-    assert record.as_read_degC is not None
-    assert np.array_equal(np.isnan(record["temperature_degC"]), record.as_read_degC == -127.0)
+    assert record.raw_temperature_degC is not None
+    assert np.array_equal(np.isnan(record["temperature_degC"]), record.raw_temperature_degC == -127.0)
     named = [k for first, last in rows for k in range(first - 1, last)]
     assert np.flatnonzero(np.isnan(record["temperature_degC"])).tolist() == named
-    assert record.as_read()["temperature_degC"].shape == record["resistance_ohm"].shape
+    assert record.raw_columns()["temperature_degC"].shape == record["resistance_ohm"].shape
 
 
 def test_rows_that_are_left_out_are_turned_with_their_branch(tmp_path: Path) -> None:
     """The lines and the JSON named rows that are fine, and `predict --out` wrote other temperatures beside them."""
-    (turned,) = loops([read(tmp_path / "film_cooling.csv", with_a_fault(False), "time_s=row")], Rows())
+    (turned,) = join_branches([read(tmp_path / "film_cooling.csv", with_a_fault(False), "time_s=row")], RowOrder())
     assert isinstance(turned, Record)
     assert_left_out(turned, [HALF - 22, HALF - 20])
 
@@ -288,12 +288,12 @@ def test_rows_that_are_left_out_are_joined_with_their_branches(tmp_path: Path) -
     """Those of the second file were forgotten, and `predict --out` met columns of two lengths."""
     named = {"film_heating.csv": True, "film_cooling.csv": False}
     found = [read(tmp_path / name, with_a_fault(heating), "time_s=row") for name, heating in named.items()]
-    (joined,) = loops(found, Rows())
+    (joined,) = join_branches(found, RowOrder())
     assert isinstance(joined, Record)
     assert joined.rows == 2 * HALF
     assert_left_out(joined, [21, 23], [2 * HALF - 22, 2 * HALF - 20])
     plain = read(tmp_path / "film_heating.csv", "T (C),R (Ohm)\n" + rows_of(*branch(True)), "time_s=row")
-    (joined,) = loops([plain, found[1]], Rows())
+    (joined,) = join_branches([plain, found[1]], RowOrder())
     assert isinstance(joined, Record)
     assert_left_out(joined, [2 * HALF - 22, 2 * HALF - 20])
 
@@ -307,7 +307,7 @@ def test_branches_below_each_other_where_a_temperature_is_missing(tmp_path: Path
         lines[k] = f"{missing},{lines[k].split(',')[1]}"
     text = "\n".join(["T (C),R (ohm)", *lines]) + "\n"
     assert "two branches, sorted alike? expected --branches" in refusal(tmp_path / "film.csv", text, "time_s=row")
-    record = read(tmp_path / "film.csv", text, "time_s=row", rows=Rows(branches=True))
+    record = read(tmp_path / "film.csv", text, "time_s=row", rows=RowOrder(branches=True))
     if missing == "850":  # one reading that is far off, as noise makes them, is not left out
         assert np.flatnonzero(record["temperature_degC"] == 850.0).tolist() == [40, 2 * HALF - 31]
     else:
@@ -336,14 +336,14 @@ def test_a_file_that_cannot_be_read_changes_no_other(tmp_path: Path, capsys: pyt
 def test_the_word_for_branches_and_files_that_need_it_not(tmp_path: Path) -> None:
     """A file with its branches side by side, or with a whole loop, and times was refused: "expected two files"; two
     such files became one loop."""
-    rows, seconds = Rows(branches=True), np.arange(float(HALF))
+    rows, seconds = RowOrder(branches=True), np.arange(float(HALF))
     head = "t_heating (s),T_heating (C),R_heating (ohm),t_cooling (s),T_cooling (C),R_cooling (ohm)"
     text = f"{head}\n" + rows_of(seconds, *branch(True), seconds, *branch(False))
     found = [read(tmp_path / name, text, rows=rows) for name in ("a.csv", "b.csv")]
-    assert loops(found, rows) == found
-    assert loops(found[:1], rows) == found[:1]
+    assert join_branches(found, rows) == found
+    assert join_branches(found[:1], rows) == found[:1]
     held_out = read(tmp_path / "c.csv", "time_s,T (C),R (ohm)\n" + rows_of(seconds, *branch(True)), rows=rows)
-    assert loops([held_out], rows) == [held_out]
+    assert join_branches([held_out], rows) == [held_out]
 
 
 def test_one_file_of_predictions_for_the_two_branches_of_a_loop(tmp_path: Path, peltier: Peltier) -> None:
@@ -395,11 +395,11 @@ def test_the_order_of_rows_of_arrays(loop: tuple, framed: bool) -> None:
 
 def test_two_files_of_the_same_sense_are_no_loop(tmp_path: Path) -> None:
     """Two heatings of two films were joined to one loop."""
-    rows = Rows(branches=True)
+    rows = RowOrder(branches=True)
     text = "T (C),R (Ohm)\n" + rows_of(*branch(True))
     found = [read(tmp_path / name, text, "time_s=row", rows=rows) for name in ("a_heating.csv", "b_heating.csv")]
     with pytest.raises(Faults, match="both names say heating; expected one of heating and one of cooling"):
-        loops(found, rows)
+        join_branches(found, rows)
 
 
 def test_a_heater_beside_a_film_is_no_branch(tmp_path: Path) -> None:
@@ -433,7 +433,7 @@ def test_a_reciprocal_temperature_is_read_as_one(tmp_path: Path, loop: tuple) ->
     rows = zip(np.arange(kelvin.size), 1e3 / kelvin, np.log(loop[1]), strict=True)
     text = "Time (s),1000/T (1/K),ln R (ohm)\n" + "".join(f"{t},{x:.7g},{y:.6g}\n" for t, x, y in rows)
     said = refusal(tmp_path / "a.csv", text)
-    assert "1/K is no temperature" in said
+    assert "1/K is a reciprocal temperature" in said
     assert "@K" not in said
     assert_the_loop(typed_on(tmp_path / "a.csv", text))
 
@@ -489,7 +489,7 @@ def test_an_hour_that_is_missing_is_told(tmp_path: Path) -> None:
     local = [one + timedelta(hours=1) if one >= datetime(2026, 3, 29, 2) else one for one in when]
     text = "Timestamp,T (C)\n" + "".join(f"{one.isoformat(' ')},{25 + k % 9}\n" for k, one in enumerate(local))
     record = read(tmp_path / "a.csv", text)
-    assert "an hour is missing before line 62: if summer time began there" in " ".join(record.said)
+    assert "an hour is missing before line 62: if summer time began there" in " ".join(record.notes)
     np.testing.assert_allclose(np.diff(read(tmp_path / "a.csv", text, "time_s=Timestamp@dst")["time_s"]), 2.0)
 
 
@@ -504,14 +504,14 @@ def test_rows_that_are_doubled_word_for_word_are_left_out(tmp_path: Path, lines:
     """One such row in 601 refused the file, and an editor was the only way on."""
     record = read(tmp_path / "a.csv", "\n".join([HEAD, *lines]) + "\n")
     assert record.rows == 200
-    assert "left out, the same word for word as line" in record.said[0]
+    assert "left out, the same word for word as line" in record.notes[0]
 
 
 def test_a_clock_that_is_set_back_a_little_leaves_rows_out(tmp_path: Path) -> None:
     lines = [f"{0.2 * k - (0.4 if k > 100 else 0.0):.1f},{25 + k % 30},{1000 - k}" for k in range(200)]
     record = read(tmp_path / "a.csv", "\n".join([HEAD, *lines]) + "\n")
     assert record.rows == 198
-    assert "line 103 and 1 more left out: the clock went back by 0.4 s" in record.said[0]
+    assert "line 103 and 1 more left out: the clock went back by 0.4 s" in record.notes[0]
     assert np.all(np.diff(record["time_s"]) > 0.0)
 
 
@@ -526,14 +526,14 @@ def test_a_clock_that_is_wrong_throughout_is_refused(tmp_path: Path) -> None:
 def test_times_beside_a_period_that_is_typed(tmp_path: Path) -> None:
     """A file's own times were thrown away in silence; and a period was offered for times that stand still, and refused
     when it was typed."""
-    rows = Rows(period_s=0.5)
+    rows = RowOrder(period_s=0.5)
     text = "".join(f"{k // 2},{25 + k % 30},{1000 - k}\n" for k in range(200))
     assert "expected a time of its own for each row, or --period" in refusal(tmp_path / "a.csv", f"{HEAD}\n{text}")
     record = read(tmp_path / "a.csv", f"{HEAD}\n{text}", rows=rows)
     np.testing.assert_allclose(np.diff(record["time_s"]), 0.5)
-    assert "'time_s' left: the times are those of --period" in " ".join(record.said)
+    assert "'time_s' left: the times are those of --period" in " ".join(record.notes)
     record = read(tmp_path / "b.csv", "Time (s),T (C)\n" + "".join(f"{k},{25 + k}\n" for k in range(20)), rows=rows)
-    assert "'Time (s)' left: the times are those of --period" in " ".join(record.said)
+    assert "'Time (s)' left: the times are those of --period" in " ".join(record.notes)
     with pytest.raises(Faults, match="a period or time_s=row was typed, and the file has time_s"):
         read(tmp_path / "c.csv", "\n".join([HEAD, *LINES]) + "\n", rows=rows)
 
@@ -545,7 +545,7 @@ def test_seconds_and_their_fractions_in_two_columns(tmp_path: Path, name: str) -
     lines = [f"11/21/2026,14:03:{k // 2:02d},{part if k % 2 else '0'},{25 + k}" for k in range(40)]
     record = read(tmp_path / "a.csv", f"Date,Time,{name},T (C)\n" + "\n".join(lines) + "\n")
     np.testing.assert_allclose(np.diff(record["time_s"]), 0.5)
-    assert name in " ".join(record.said)
+    assert name in " ".join(record.notes)
 
 
 @pytest.mark.parametrize(
@@ -556,4 +556,4 @@ def test_overflow_has_the_sign_of_the_input(tmp_path: Path, written: str) -> Non
     lines = [f"{k},{25 + k},{written if k in (5, 9) else 1000 - k}" for k in range(40)]
     record = read(tmp_path / "a.csv", f"{HEAD}\n" + "\n".join(lines) + "\n")
     assert np.flatnonzero(np.isposinf(record["resistance_ohm"])).tolist() == [5, 9]
-    assert "beyond the range" in " ".join(record.said)
+    assert "beyond the range" in " ".join(record.notes)

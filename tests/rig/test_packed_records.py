@@ -17,7 +17,7 @@ import scipy.io
 
 from rig.core.faults import Faults
 from rig.records import matlab_table
-from rig.records.matlab_table import MOST_NUMBERS, _content, _vectors
+from rig.records.matlab_table import MOST_NUMBERS, _load, _vectors
 from rig.records.record_file import read_record
 
 HEAD = ["time_s", "temperature_degC", "current_A"]
@@ -44,7 +44,7 @@ def is_read(path: Path) -> tuple[str, ...]:
     record = read_record(path, [], HEAD)
     assert list(record["time_s"]) == [row[0] for row in ROWS]
     assert list(record["temperature_degC"]) == [row[1] for row in ROWS]
-    return tuple(record.said)
+    return tuple(record.notes)
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress])
@@ -176,7 +176,7 @@ def cells(values: Sequence[Any]) -> Any:
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """A .mat file is read in this process: one of its own takes a second to begin, and others test that."""
-    monkeypatch.setattr(matlab_table, "vectors_of", lambda path: (list(_vectors(_content(path, MOST_NUMBERS))), []))
+    monkeypatch.setattr(matlab_table, "read_vectors", lambda path: (list(_vectors(_load(path, MOST_NUMBERS))), []))
 
 
 @pytest.mark.usefixtures("read_here")

@@ -17,6 +17,7 @@ import scipy.io
 
 from rig.core.faults import Faults
 from rig.records.column_names import ColumnMapping
+from rig.records.conversion import record_from_arrays, record_from_frame
 from rig.records.record import Record
 from rig.records.record_file import read_record, write_columns
 
@@ -90,8 +91,8 @@ def test_units_of_resistance(file: Path, head: str, unit: str, factor: float) ->
     rows = "".join(f"{k},{25 + k},{1e5 * (k + 1)!r}\n" for k in range(3))
     record = read(file, f"time_s,temperature_degC,{head}\n{rows}")
     np.testing.assert_allclose(record["resistance_ohm"], factor * 1e5 * np.array([1, 2, 3]), rtol=1e-15)
-    assert any("resistance_ohm from" in line for line in record.said)
-    assert unit == "ohm" or any(f"in {unit}" in line for line in record.said)
+    assert any("resistance_ohm from" in line for line in record.notes)
+    assert unit == "ohm" or any(f"in {unit}" in line for line in record.notes)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +135,7 @@ def test_a_film_in_kelvins_is_no_film_in_degrees(file: Path, name: str) -> None:
     assert f"temperature_degC={name}@K" in said
     record = read(file, f"time_s,{name},resistance_ohm\n{rows}", f"temperature_degC={name}@K")
     assert record["temperature_degC"][0] == pytest.approx(24.85)
-    assert record.said == ()
+    assert record.notes == ()
     believed = read(file, f"time_s,{name},resistance_ohm\n{rows}", f"temperature_degC={name}@degC")
     assert believed["temperature_degC"][0] == 298.0
 
@@ -153,7 +154,7 @@ def test_words_behind_the_last_row(file: Path, end: str) -> None:
     rows = "".join(f"{k},{25 + k},{1000 - k}\n" for k in range(20))
     record = read(file, f"time_s,temperature_degC,resistance_ohm\n{rows}{end}")
     assert record.rows == 20
-    assert any("words after the last row left out" in line for line in record.said)
+    assert any("words after the last row left out" in line for line in record.notes)
 
 
 def test_words_between_rows_are_a_fault(file: Path) -> None:
@@ -210,7 +211,7 @@ def test_times_of_clocks_and_dates(file: Path, fields: list[str], seconds: list[
     rows = "".join(f"{field},{25 + k}\n" for k, field in enumerate(fields))
     record = read(file, f"Time,T_C\n{rows}")
     np.testing.assert_allclose(record["time_s"], seconds, atol=1e-9)
-    assert "time_s from 'Time'" in record.said[0]
+    assert "time_s from 'Time'" in record.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -308,7 +309,7 @@ def test_a_column_that_is_typed_twice_or_the_wrong_way_round(file: Path) -> None
 def test_a_typed_name_without_a_unit_has_that_of_the_file(file: Path) -> None:
     record = read(file, "a,T_K,c\n0,298,1\n1,363,2\n", "time_s=a", "temperature_degC=T_K")
     np.testing.assert_allclose(record["temperature_degC"], [24.85, 89.85])
-    assert "as its name says" in record.said[0]
+    assert "as its name says" in record.notes[0]
 
 
 def test_shares_of_full_drive(file: Path) -> None:
@@ -321,17 +322,17 @@ def test_shares_of_full_drive(file: Path) -> None:
     assert guessed.drive == "duty"
     left = read(file, "t_s,T_C,pwm\n0,25,0\n1,26,200\n")
     assert "current_A" not in left.columns
-    assert "--column current_A=pwm@pwm255" in left.said[0]
+    assert "--column current_A=pwm@pwm255" in left.notes[0]
     small = read(file, "t_s,T_C,I_A\n0,25,1e-6\n1,26,2e-6\n")
     assert "current_A" not in small.columns  # an ohmmeter's test current moves no plate
-    assert "'I_A' left" in small.said[0]
+    assert "'I_A' left" in small.notes[0]
 
 
 def test_names_that_are_ours_are_taken_without_a_word(file: Path) -> None:
     columns = {"time_s": np.arange(3.0), "temperature_degC": np.array([25.0, 26.0, 27.0]), "R_heater": np.ones(3)}
     write_columns(file, columns)
     record = read_record(file)
-    assert record.said == ()
+    assert record.notes == ()
     assert set(record.columns) == set(columns)
 
 
@@ -459,7 +460,7 @@ def test_a_workbook_without_its_reader_says_what_to_install(
     [
         ("Time (s),T (C)\n0,25\n1,26\n0,27\n1,28\n", "line 4: time_s: 0.0 after 1.0"),
         ("Time (s),T (C)\n0,25\n1,26\n2,27\nMean,26\n", "line 5: time_s: 'Mean'"),
-        ("Time (s),T (C),R\n0,25,1\n1,26,x\n2,27,2\n", "'R': its unit is not said"),
+        ("Time (s),T (C),R\n0,25,1\n1,26,x\n2,27,2\n", "'R': its unit is not given"),
         ("Time (s),R1 (Ohm),R2 (Ohm),T (C)\n0,1,2,25\n1,3,4,26\n", "more than one column may be it"),
         ("Time [ms],T [K]\ns,degC\n0,25\n1,26\n", "two units, 'ms' and 's'"),
     ],
@@ -471,7 +472,7 @@ def test_what_is_wrong_is_what_is_told(file: Path, text: str, expected: str) -> 
 def test_another_resistance_is_left_and_told(file: Path) -> None:
     record = read(file, "t_s,T_C,R_shunt (Ohm)\n0,25,100\n1,26,100\n")
     assert "resistance_ohm" not in record.columns
-    assert "'R_shunt (Ohm)' left" in record.said[0]
+    assert "'R_shunt (Ohm)' left" in record.notes[0]
 
 
 def test_an_unplugged_thermometer_has_no_reading(file: Path) -> None:
@@ -486,13 +487,13 @@ def test_an_unplugged_thermometer_has_no_reading(file: Path) -> None:
 def test_a_temperature_beyond_the_range_is_told_as_no_reading(file: Path, beyond: str) -> None:
     record = read(file, f"{HEAD}0,20,5\n1,{beyond},6\n2,22,7\n")
     np.testing.assert_array_equal(record["temperature_degC"], [20.0, np.nan, 22.0])
-    assert "in temperature_degC what is beyond the range as no reading (1 rows)" in record.said[0]
+    assert "in temperature_degC what is beyond the range as no reading (1 rows)" in record.notes[0]
 
 
 def test_a_last_line_that_was_cut_off_is_told(file: Path) -> None:
     record = read(file, f"{HEAD}0,20,5\n1,21,6\n2,2")
     assert record.rows == 2
-    assert "line 4 left out, it was cut off" in record.said[0]
+    assert "line 4 left out, it was cut off" in record.notes[0]
 
 
 def test_verbs_say_what_was_taken_for_what(peltier: Peltier, file: Path, tmp_path: Path) -> None:
@@ -519,24 +520,24 @@ class Frame:
 
 def test_records_from_arrays_and_frames() -> None:
     kelvin, kilohm = np.array([298.0, 320.0, 363.0]), [100.0, 50.0, 0.2]
-    record = Record.from_arrays({"t / min": [0, 1, 2], "T [K]": kelvin, "R": kilohm}, ["resistance_ohm=R@kohm"])
+    record = record_from_arrays({"t / min": [0, 1, 2], "T [K]": kelvin, "R": kilohm}, ["resistance_ohm=R@kohm"])
     np.testing.assert_array_equal(record["time_s"], [0.0, 60.0, 120.0])
     np.testing.assert_allclose(record["temperature_degC"], [24.85, 46.85, 89.85])
     np.testing.assert_array_equal(record["resistance_ohm"], [1e5, 5e4, 200.0])
     with pytest.raises(Faults, match="@kohm"):
-        Record.from_arrays({"time_s": [0, 1, 2], "temperature_degC": [25, 26, 27], "R": kilohm})
+        record_from_arrays({"time_s": [0, 1, 2], "temperature_degC": [25, 26, 27], "R": kilohm})
     with pytest.raises(Faults, match="unequal length"):
-        Record.from_arrays({"time_s": [0, 1], "temperature_degC": [25, 26, 27]})
+        record_from_arrays({"time_s": [0, 1], "temperature_degC": [25, 26, 27]})
     stamps = np.array(["2026-11-21T23:59:59.5", "2026-11-22T00:00:00", "2026-11-22T00:00:02"], dtype="datetime64[ns]")
     frame = Frame({"T_C": [25.0, 26.0, 27.0], "R_ohm": kilohm}, stamps, None)
-    np.testing.assert_array_equal(Record.from_frame(frame)["time_s"], [0.0, 0.5, 2.5])
+    np.testing.assert_array_equal(record_from_frame(frame)["time_s"], [0.0, 0.5, 2.5])
 
 
 def test_records_from_pandas() -> None:
     pandas = pytest.importorskip("pandas")
     index = pandas.date_range("2026-11-21 14:00", periods=3, freq="500ms", name="when")
     frame = pandas.DataFrame({"T_C": [25.0, 26.0, 27.0], "R_kohm": [3, 2, 1], "note": ["a", None, "b"]}, index=index)
-    record = Record.from_frame(frame)
+    record = record_from_frame(frame)
     np.testing.assert_array_equal(record["time_s"], [0.0, 0.5, 1.0])
     np.testing.assert_array_equal(record["resistance_ohm"], [3000.0, 2000.0, 1000.0])
     assert record.text_columns["note"] == ["a", "", "b"]

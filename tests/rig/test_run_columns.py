@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from rig.records import run_table as reading
-from rig.records.conversion import record_of
+from rig.records.conversion import record_from_table
 from rig.records.record import Record
 from rig.records.record_file import read_record
-from rig.records.run_table import run_columns, run_table
+from rig.records.run_table import read_run_columns, read_run_table
 from rig.records.text_table import text_table
 
 HEAD = "time_s,temperature_degC,resistance_ohm,current_A,setpoint_degC,reference_degC,tick,phase\n"
@@ -30,7 +30,7 @@ def rows(count: int) -> str:
 
 def read_as_text(path: Path) -> Record:
     """By the reader of texts, which knows no run."""
-    return record_of(text_table(path.read_text(), path), flags=False)
+    return record_from_table(text_table(path.read_text(), path), options=False)
 
 
 @pytest.mark.parametrize("part", [300, 1 << 20])
@@ -43,7 +43,7 @@ def test_it_is_what_the_reader_of_records_makes_of_it(
     path = tmp_path / "record.csv"
     text = HEAD + rows(100)
     path.write_text(text[: len(text) - cut])
-    found, record = run_columns(path), read_as_text(path)
+    found, record = read_run_columns(path), read_as_text(path)
     assert found is not None
     assert list(found) == [*record.columns, *record.text_columns]
     for name, column in record.columns.items():
@@ -58,9 +58,9 @@ def test_a_record_is_the_same_by_either_reader(tmp_path: Path, name: str, cut: i
     path = tmp_path / "record.csv"
     text = HEAD.replace("resistance_ohm", name) + rows(100)
     path.write_text(text[: len(text) - cut])
-    assert run_table(path) is not None
-    lean, other = read_record(path, flags=False), read_as_text(path)
-    assert (lean.source, lean.drive, lean.said) == (other.source, other.drive, other.said)
+    assert read_run_table(path) is not None
+    lean, other = read_record(path, options=False), read_as_text(path)
+    assert (lean.source, lean.drive, lean.notes) == (other.source, other.drive, other.notes)
     assert list(lean.columns) == list(other.columns)
     for name, column in other.columns.items():
         np.testing.assert_array_equal(lean.columns[name], column)
@@ -69,7 +69,7 @@ def test_a_record_is_the_same_by_either_reader(tmp_path: Path, name: str, cut: i
 
 def test_a_pipe_is_read_once(tmp_path: Path) -> None:
     os.mkfifo(pipe := tmp_path / "pipe")
-    assert run_table(pipe) is None
+    assert read_run_table(pipe) is None
 
 
 @pytest.mark.parametrize(
@@ -93,14 +93,14 @@ def test_anything_else_is_left_to_the_reader_of_records(tmp_path: Path, was: str
     text = HEAD + rows(100)
     assert was in text
     path.write_text(text.replace(was, becomes, 1))
-    assert run_columns(path) is None
+    assert read_run_columns(path) is None
 
 
 def test_memory_is_that_of_the_numbers(tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text(HEAD + rows(40_000))
     tracemalloc.start()
-    found = run_columns(path)
+    found = read_run_columns(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert found is not None

@@ -32,7 +32,7 @@ def _stamped(pattern: str) -> str:
 def test_milliseconds_without_leading_zeros(file: Path, pattern: str) -> None:
     record = read(file, _stamped(pattern))
     np.testing.assert_allclose(record["time_s"], SECONDS, atol=1e-9)
-    assert "milliseconds without leading zeros" in " ".join(record.said)
+    assert "milliseconds without leading zeros" in " ".join(record.notes)
 
 
 @pytest.mark.parametrize("stamp", ["14:03:{}", "2026-03-27 14:03:{}", "27.03.2026 14:03:{}"])
@@ -44,7 +44,7 @@ def test_decimals_stay_decimals(file: Path, stamp: str, written: str) -> None:
     record = read(file, "Time\tT (degC)\tR (Ohm)\n" + "\n".join(rows) + "\n")
     expected = [float(written.format(s)) - float(written.format(seconds[0])) for s in seconds]
     np.testing.assert_allclose(record["time_s"], expected, atol=1e-9)
-    assert "leading zeros" not in " ".join(record.said)
+    assert "leading zeros" not in " ".join(record.notes)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_overload_that_was_written_as_a_number(file: Path, head: str, written: s
     record = read(file, f"t (s),T (degC),{head}\n" + "\n".join(rows) + "\n")
     assert np.isinf(record["resistance_ohm"][:6]).all()
     np.testing.assert_allclose(record["resistance_ohm"][6:], ohm[6:])
-    assert "as beyond the range (6 rows)" in " ".join(record.said)
+    assert "as beyond the range (6 rows)" in " ".join(record.notes)
 
 
 @pytest.mark.parametrize("most", ["1234567000", "1.1E9"])
@@ -78,7 +78,7 @@ def test_a_last_number_of_which_half_was_written(file: Path, count: int, more: s
         return
     record = read(file, text[:-5])
     assert record.rows == count - 1
-    assert f"line {count + 1} left out, it may have been cut off" in " ".join(record.said)
+    assert f"line {count + 1} left out, it may have been cut off" in " ".join(record.notes)
     assert read(file, text[:-5] + "\n").rows == count  # its end says that it is whole
 
 

@@ -83,7 +83,7 @@ def test_files_with_other_units_in_their_names(tmp_path: Path) -> None:
     target = read_target(path, "resistance")
     np.testing.assert_array_equal(target.times_s, [0.0, 60.0])
     np.testing.assert_allclose(target.values, [-5.0, -4.0])
-    assert "target_ohm from 'target_kohm' in kohm" in target.said[0]
+    assert "target_ohm from 'target_kohm' in kohm" in target.notes[0]
     path.write_text("time_s;setpoint_K\n0,5;300,15\n2,5;330,15\n")
     np.testing.assert_allclose(read_target(path, "temperature").values, [27.0, 57.0])
     path.write_text("time_s,current_mA\n0,500\n1,-250\n")

@@ -15,7 +15,7 @@ import rig
 from rig.analysis.film_numbers import believed_degC, numbers_of_run
 from rig.records.record import Record
 from rig.records.record_file import write_columns
-from rig.records.thermometer_faults import false_readings
+from rig.records.thermometer_faults import find_false_readings
 from tests.rig.rounded_records import Array, changed, clean, film_loop, frozen, plate_run
 
 VALUES = (-127.0, 0.0, 85.0, -200.0, 850.0, -242.02, 1372.0, 999.0, 2047.75, 988.79)
@@ -24,7 +24,7 @@ THERMOMETERS = [(0.001, 0.03), (0.01, 0.0), (0.01, 0.02), (0.25, 0.0), (0.25, 0.
 
 def rows_of(record: dict[str, Any]) -> list[int]:
     """The rows that are left out."""
-    return [row for one in false_readings(record) for row in range(one.first, one.last + 1)]
+    return [row for one in find_false_readings(record) for row in range(one.first, one.last + 1)]
 
 
 def setting(first: int, end: int, value: float) -> Callable[[Array], None]:
@@ -38,9 +38,9 @@ def setting(first: int, end: int, value: float) -> Callable[[Array], None]:
 def test_no_row_of_a_clean_record_is_left_out(seed: int) -> None:
     """Else whoever has a coarse or slow thermometer, a hold or a controller at rest loses rows that are true."""
     record = clean(seed)
-    assert false_readings(record) == []
+    assert find_false_readings(record) == []
     for name in ("resistance_ohm", "current_A"):  # nor with one witness fewer
-        assert false_readings({column: values for column, values in record.items() if column != name}) == []
+        assert find_false_readings({column: values for column, values in record.items() if column != name}) == []
 
 
 def test_no_row_of_a_measured_record_is_left_out(measured: Path) -> None:
@@ -63,7 +63,7 @@ def test_no_row_of_a_measured_record_is_left_out(measured: Path) -> None:
                 found: dict[str, Any] = {"time_s": times, "temperature_degC": degC}
                 found |= {"current_A": drive} if drive is not None else {}
                 found |= {"resistance_ohm": film} if film is not None else {}
-                assert false_readings(found) == [], path.name
+                assert find_false_readings(found) == [], path.name
                 seen += 1
     assert seen > 20
 
@@ -152,7 +152,7 @@ def test_absolute_zero_is_no_temperature() -> None:
     assert np.flatnonzero(np.isnan(record["temperature_degC"])).tolist() == [5, *range(120, 127)]
     [line] = record.left_out_lines()
     assert line.startswith("temperature_degC: rows 6, 121 to 127 (10 to 252 s) read -273.15 degC: absolute zero")
-    assert record.as_read()["temperature_degC"][5] == -273.15
+    assert record.raw_columns()["temperature_degC"][5] == -273.15
     found = rig.identify(record)
     assert line in found.lines
     assert_right(found.document["transition"][0])

@@ -24,7 +24,7 @@ def test_a_film_is_taken_where_it_is(tmp_path: Path, peltier: Peltier, memory: s
     run = tmp_path / "run"
     status, _, err = peltier("run", path, "--out", run)
     assert status == 0, err
-    record = read_record(run / "record.csv", needs=(), flags=False)
+    record = read_record(run / "record.csv", needs=(), options=False)
     assert set(record.text_columns["phase"]) == {"polarity", "settle", "track"}
     assert np.nanmax(record["temperature_degC"]) < 75.0  # the hot end is at 90
     status, out, err = peltier("replay", run, "--json", "-")

@@ -157,7 +157,7 @@ def test_no_line_of_a_run_goes_through_a_gap(peltier: Peltier, tmp_path: Path, f
     assert peltier("run", bench, "--out", tmp_path / "run")[0] == 0
     shutil.copytree(tmp_path / "run", tmp_path / "cut")
     (tmp_path / "cut" / "record.nc").unlink(missing_ok=True)
-    whole = read_record(tmp_path / "run" / "record.csv", flags=False)
+    whole = read_record(tmp_path / "run" / "record.csv", options=False)
     track = np.array(whole.text_columns["phase"]) == "track"
     begin = float(whole["time_s"][track][0])
     seen = (whole["time_s"] <= begin + 3.0) | (whole["time_s"] >= begin + 6.0)
