@@ -28,7 +28,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from rig.config.effect_tables import effect_in_words  # noqa: E402
+from rig.config.effect_tables import parse_effect  # noqa: E402
 
 BUSY = "while True: sum(k * k for k in range(100000))"
 LONGEST_S = 900.0
@@ -97,7 +97,7 @@ def hidden(effect: str) -> str:
     """An effect in words as a table of a configuration; nothing for nothing."""
     if not effect:
         return ""
-    lines = [f"{name} = {json.dumps(value)}" for name, value in effect_in_words(effect).items()]
+    lines = [f"{name} = {json.dumps(value)}" for name, value in parse_effect(effect).items()]
     return "\n".join(["[[simulation.effects]]", *lines, ""])
 
 

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from rig.config.configuration import ConfigurationFile
-from rig.config.effect_tables import effect_in_words
+from rig.config.effect_tables import parse_effect
 from rig.config.model_file import Model, read_model, write_model
 from rig.config.toml_file import read_toml
 from rig.experiment.session import run
@@ -47,7 +47,7 @@ CASES = {
 
 def rms_dec(folder: Path, effects: list[str], extended: bool, target: list[str] | None = None) -> float:
     """RMS tracking error of the full law on a rig with effects, in decades."""
-    tables = [effect_in_words(text) for text in effects]
+    tables = [parse_effect(text) for text in effects]
     base = read_model(MODEL)
     write_model(folder / "truth.toml", base)
     file = _configuration(folder, tables, target or TARGET)

@@ -6,7 +6,7 @@ Effects are those of [[simulation.effects]], of [simulation.heat_sink_warmup], a
 from __future__ import annotations
 
 from rig.config.configuration import ConfigurationFile
-from rig.config.effect_tables import switched_effects
+from rig.config.effect_tables import switch_effects
 from rig.config.model_file import read_model
 from rig.config.tables import ModelFilmTable, RelayFilmTable
 from rig.core.faults import fault
@@ -49,7 +49,7 @@ def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:
 def simulated_effects(file: ConfigurationFile) -> tuple[Switched, ...]:
     """What is switched on. Raises Faults, as for an effect that two places switch on."""
     table = file.content.simulation
-    effects, _ = switched_effects(table.effects, "simulation.effects", complete=False)
+    effects, _ = switch_effects(table.effects, "simulation.effects", complete=False)
     if table.heat_sink_warmup is not None:
         effects += (switched(HEAT_SINK_WARMUP, table.heat_sink_warmup.model_dump()),)
     if isinstance(table.film, ModelFilmTable):

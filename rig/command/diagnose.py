@@ -102,9 +102,9 @@ def main(options: argparse.Namespace) -> int:
             expected = f"expected a share from {SMALLEST:g} to {LARGEST:g}"
             raise fault("--false-alarm", f"{options.false_alarm:g}", expected)
     if options.assume:
-        from rig.config.effect_tables import assumed_effects
+        from rig.config.effect_tables import parse_assumed_effects
 
-        assumed_effects(options.assume)
+        parse_assumed_effects(options.assume)
     base = _base(options)
     if options.initial != "fitted":
         print("--initial: the film's memory is fitted with the record", file=sys.stderr)

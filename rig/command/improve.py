@@ -115,12 +115,12 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice:
 def _extended(config: Path, improvement: Improvement) -> ConfigurationFile:
     """What will run, as a file of its own. Raises Faults where the extended model cannot do it."""
     from rig.config.configuration import read_configuration
-    from rig.config.configuration_text import extended_configuration
+    from rig.config.configuration_text import configuration_with_model
     from rig.core.file_writing import write_text
     from rig.experiment.wanted import wanted
 
     path = improvement.folder / "config.toml"
-    write_text(path, extended_configuration(config, improvement.model))
+    write_text(path, configuration_with_model(config, improvement.model))
     file = read_configuration(path)
     wanted(file, lambda text: None)
     return file

@@ -27,13 +27,13 @@ def main(options: argparse.Namespace) -> int:
     from rig.analysis.trend import series_of
     from rig.command.many_progress import ManyProgress
     from rig.command.say import Voice
-    from rig.records.run_folder import runs_in
+    from rig.records.run_folder import find_runs
     from rig.rehearsal.run_diagnoses import diagnose_runs
     from rig.report.trend import write_trend_report
 
     voice = Voice(options.json)
     choice = engine_choice(options)
-    runs = runs_in(options.folder)
+    runs = find_runs(options.folder)
     with ManyProgress() as progress:
 
         def tell(done: int, of: int, row: dict[str, Any]) -> None:

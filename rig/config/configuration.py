@@ -1,11 +1,9 @@
-"""The configuration of a bench and an experiment, as a checked TOML file.
-
-Every key has its unit in its name and its default here; `peltier init` writes commented files to start from.
-"""
+"""The configuration of a bench and an experiment: a TOML file, checked. `peltier init` writes commented ones."""
 
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ from typing import Any
 from pydantic import model_validator
 
 from rig.config.configuration_text import without_secrets
-from rig.config.schema import Table, checked
+from rig.config.schema import Table, validate
 from rig.config.tables import (
     BenchTable,
     CalibrationTable,
@@ -43,7 +41,7 @@ class Configuration(Table):
     epics: EpicsTable = EpicsTable()
 
     @model_validator(mode="after")
-    def _whole(self) -> Configuration:
+    def _check(self) -> Configuration:
         ports = [self.bench.controller.port] + ([self.bench.meter.port] if self.bench.meter else [])
         simulated = [port.startswith("sim://") for port in ports]
         if any(simulated) and not all(simulated):
@@ -69,102 +67,108 @@ class Configuration(Table):
 
 @dataclass(frozen=True)
 class ConfigurationFile:
-    """A configuration with the file that it came from; paths in it are relative to that file."""
+    """A configuration with its file; text: the file's, without secrets."""
 
     path: Path
     text: str
     content: Configuration
 
     def beside(self, name: str) -> Path:
-        """A path from the configuration, relative to its file."""
+        """Return a path of the configuration, relative to its file."""
         return self.path.parent / name
 
 
 def read_configuration(path: Path, for_experiment: bool = True) -> ConfigurationFile:
-    """Read and check a configuration. Raises Faults with a line for each fault.
+    """Return a checked configuration. Raises Faults with a line for each fault.
 
-    for_experiment: whether its experiment is to be done, which needs the files of its target and its model.
+    for_experiment: the experiment is going to run, so that its target and its model have to be there.
     """
     text = read_text(path)
     return configuration_of(path, text, parsed_toml(text, path), for_experiment)
 
 
 def configuration_of(path: Path, text: str, raw: dict[str, Any], for_experiment: bool = True) -> ConfigurationFile:
-    """A configuration from its text and what TOML makes of it, as if it were at `path`. Raises Faults.
-
-    The text that it keeps, and that run folders and people get, is without the secrets of [serve].
-    """
-    content = checked(Configuration, _with_own_drivers(path, raw), path)
+    """Return the configuration in a text and its TOML tables, as if it were at `path`. Raises Faults."""
+    content = validate(Configuration, _with_driver_paths(path, raw), path)
     file = ConfigurationFile(path, without_secrets(text), content)
-    lines = []
-    for key, name in (("experiment.model", content.experiment.model), ("experiment.target", content.experiment.target)):
-        if for_experiment and isinstance(name, str) and not file.beside(name).is_file():
-            lines.append(f"{path}: {key}: {name!r}: no such file beside the configuration")
-    lines += _ranges_outside(path, content)
-    lines += _slow_periods(path, content)
-    lines += _unknown_drivers(path, content)
-    lines += _effect_faults(file)
+    lines = [f"{path}: {line}" for line in _faults(file, for_experiment)] + _effect_faults(file)
     if lines:
         raise Faults(lines)
     return file
 
 
-def _ranges_outside(path: Path, content: Configuration) -> list[str]:
-    """A line for each range of a calibration that is not inside the one around it."""
-    lines = []
+def _faults(file: ConfigurationFile, for_experiment: bool) -> Iterator[str]:
+    """Yield a line for each key that does not fit the files or the other keys."""
+    content = file.content
+    for key, name in (("experiment.model", content.experiment.model), ("experiment.target", content.experiment.target)):
+        if for_experiment and isinstance(name, str) and not file.beside(name).is_file():
+            yield f"{key}: {name!r}: no such file beside the configuration"
     around, (low, high) = "limits.temperature_degC", content.limits.temperature_degC
     for key in ("temperature_degC", "transition_degC"):
         span = getattr(content.calibration, key)
-        if span is None:
-            continue
-        if not (low <= span[0] and span[1] <= high):
-            lines.append(f"{path}: calibration.{key}: {list(span)}: expected within {around} [{low}, {high}]")
-        around, (low, high) = f"calibration.{key}", span
-    return lines
+        if span is not None:
+            if not (low <= span[0] and span[1] <= high):
+                yield f"calibration.{key}: {list(span)}: expected within {around} [{low}, {high}]"
+            around, (low, high) = f"calibration.{key}", span
+    yield from _long_periods(content)
+    yield from _unknown_drivers(content)
 
 
-def _slow_periods(path: Path, content: Configuration) -> list[str]:
-    """A line for each period, and for a number of integrations, that a bench cannot be watched with: one reading may
-    fail, and the next is in time."""
+def _long_periods(content: Configuration) -> Iterator[str]:
+    """Yield a line for each period, and for a reading, that is too long for the watch: if one reading fails, the next
+    one has to be in time."""
     from rig.drivers.meter import LINE_PERIOD_S
 
     longest_s, bound = 0.5 * content.limits.stale_s, "limits.stale_s"
     dead_man_s = content.bench.controller.dead_man_s
     if 0.0 < 0.5 * dead_man_s < longest_s:
         longest_s, bound = 0.5 * dead_man_s, "bench.controller.dead_man_s"
-    periods = (("experiment", content.experiment.period_s), ("calibration", content.calibration.period_s))
-    lines = [
-        f"{path}: {table}.period_s: {period_s:g}: expected at most {longest_s:g}, half of {bound}"
-        for table, period_s in periods
-        if period_s > longest_s
-    ]
+    for table in ("experiment", "calibration"):
+        period_s = getattr(content, table).period_s
+        if period_s > longest_s:
+            yield f"{table}.period_s: {period_s:g}: expected at most {longest_s:g}, half of {bound}"
     meter = content.bench.meter
-    if meter is None or (meter.average or 1) * meter.nplc * LINE_PERIOD_S <= longest_s:
-        return lines
-    key, most = ("nplc", meter.nplc), longest_s / LINE_PERIOD_S
-    if meter.average is not None and meter.nplc <= most:
-        key, most = ("average", meter.average), most // meter.nplc
-    text = f"expected at most {most:g}, for readings of {longest_s:g} s, half of {bound}"
-    return [*lines, f"{path}: bench.meter.{key[0]}: {key[1]:g}: {text}"]
+    if meter is not None and (meter.average or 1) * meter.nplc * LINE_PERIOD_S > longest_s:
+        key, value, most = "nplc", meter.nplc, longest_s / LINE_PERIOD_S
+        if meter.average is not None and meter.nplc <= most:
+            key, value, most = "average", meter.average, most // meter.nplc
+        text = f"expected at most {most:g}, for readings of {longest_s:g} s, half of {bound}"
+        yield f"bench.meter.{key}: {value:g}: {text}"
+
+
+def _unknown_drivers(content: Configuration) -> Iterator[str]:
+    from rig.drivers.registry import CONTROLLERS, METERS, is_own
+
+    bench = content.bench
+    for role, table, known in (("controller", bench.controller, CONTROLLERS), ("meter", bench.meter, METERS)):
+        name = table.driver if table is not None else None
+        if name is None or name in known:
+            continue
+        if not is_own(name):
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            yield f"bench.{role}.driver: {name!r}: {hint}expected one of {', '.join(sorted(known))}"
+        elif not Path(name.rpartition(":")[0]).is_file():
+            yield f"bench.{role}.driver: {name!r}: there is no such file"
 
 
 def _effect_faults(file: ConfigurationFile) -> list[str]:
-    """Make the effects of the user's own known; a line for each fault in what is switched on."""
+    """Load the user-defined effects, and return a line for each fault in the effects that are switched on."""
     table = file.content.simulation
     if not (table.effects or table.effect_files):
         return []
-    from rig.config.effect_tables import add_effect_files, switched_effects
+    from rig.config.effect_tables import add_effect_files, switch_effects
 
     try:
         add_effect_files(file.beside(name) for name in table.effect_files)
     except Faults as faults:
         return faults.lines
     sink = [{"name": "heat_sink_warmup"}] if table.heat_sink_warmup is not None else []
-    return switched_effects([*table.effects, *sink], f"{file.path}: simulation.effects", complete=False)[1]
+    return switch_effects([*table.effects, *sink], f"{file.path}: simulation.effects", complete=False)[1]
 
 
-def _with_own_drivers(path: Path, raw: dict[str, Any]) -> dict[str, Any]:
-    """The same, with the files of drivers of the user's own taken from beside the configuration."""
+def _with_driver_paths(path: Path, raw: dict[str, Any]) -> dict[str, Any]:
+    """Return the tables with the files of user-defined drivers as paths beside the configuration."""
     from rig.drivers.registry import beside
 
     bench = raw.get("bench")
@@ -176,23 +180,3 @@ def _with_own_drivers(path: Path, raw: dict[str, Any]) -> dict[str, Any]:
         if isinstance(table, dict) and isinstance(table.get("driver"), str):
             found[role] = {**table, "driver": beside(table["driver"], path.parent)}
     return {**raw, "bench": found}
-
-
-def _unknown_drivers(path: Path, content: Configuration) -> list[str]:
-    """A line for each driver that does not exist."""
-    from rig.drivers.registry import CONTROLLERS, METERS, is_own
-
-    bench = content.bench
-    roles = [("controller", bench.controller.driver, CONTROLLERS)]
-    if bench.meter is not None:
-        roles.append(("meter", bench.meter.driver, METERS))
-    lines = []
-    for role, name, known in roles:
-        if is_own(name):
-            if not Path(name.rpartition(":")[0]).is_file():
-                lines.append(f"{path}: bench.{role}.driver: {name!r}: there is no such file")
-        elif name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]!r}? " if near else ""
-            lines.append(f"{path}: bench.{role}.driver: {name!r}: {hint}expected one of {', '.join(sorted(known))}")
-    return lines

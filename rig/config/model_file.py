@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memoryless
 from compensator.thermal.plate import LARGEST_SLOPE_PER_K, PlateModel
-from rig.config.schema import Table, checked
+from rig.config.schema import Table, validate
 from rig.config.toml_file import read_toml
 from rig.core.faults import Faults
 from rig.core.file_writing import write_text
@@ -21,11 +21,12 @@ if TYPE_CHECKING:
     from sim.effects.effect import Switched
     from sim.model.film_mixing import PhaseMixing
 
-LARGEST = 1e9  # beyond it a number is a slip of the pen, and its square no number any more
+LARGEST = 1e9  # beyond it a number is a slip of the pen, and its square may overflow
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
 Temperature = Annotated[float, Field(ge=-273.15, le=LARGEST)]
 Slope = Annotated[float, Field(ge=-LARGEST_SLOPE_PER_K, le=LARGEST_SLOPE_PER_K)]
+Drive = Literal["current", "temperature"]
 
 
 class EnvelopeTable(Table):
@@ -63,8 +64,8 @@ class OperatorTable(Table):
 
 
 class MixingTable(Table):
-    """[film.mixing]: how the phases add up to one resistance (`sim.model.film_mixing`), where not in their logarithms.
-    The ends are of the output's, where the film is all insulator and all metal."""
+    """[film.mixing]: how the conductivities of the phases add up (`sim.model.film_mixing`), if not as logarithms;
+    low_dec, high_dec: output of a film that is all insulator and all metal."""
 
     exponent: Annotated[float, Field(ge=-10.0, le=10.0)]
     percolation: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
@@ -72,7 +73,7 @@ class MixingTable(Table):
     high_dec: Number
 
     @model_validator(mode="after")
-    def _whole(self) -> MixingTable:
+    def _check(self) -> MixingTable:
         if not self.low_dec < self.high_dec:
             raise ValueError(f"low_dec: {self.low_dec!r}: expected less than high_dec, {self.high_dec!r}")
         return self
@@ -81,9 +82,6 @@ class MixingTable(Table):
         from sim.model.film_mixing import PhaseMixing
 
         return PhaseMixing(self.low_dec, self.high_dec, self.exponent, self.percolation)
-
-
-Drive = Literal["current", "temperature"]
 
 
 class FilmTable(Table):
@@ -101,7 +99,7 @@ class FilmTable(Table):
     mixing: MixingTable | None = None
 
     @model_validator(mode="after")
-    def _whole(self) -> FilmTable:
+    def _check(self) -> FilmTable:
         if self.kind == "mixed_envelopes":
             if not self.operators:
                 raise ValueError("operators: missing; kind 'mixed_envelopes' needs [[film.operators]]")
@@ -117,9 +115,8 @@ class FilmTable(Table):
         return self
 
     def model(self) -> FilmModel:
-        memoryless = self.memoryless.memoryless()
         common: dict[str, Any] = {
-            "memoryless": memoryless,
+            "memoryless": self.memoryless.memoryless(),
             "kind": self.kind,
             "output": self.output,
             "initial": self.initial,
@@ -153,24 +150,13 @@ class PlateTable(Table):
     inputs: dict[Literal["input_2", "sink_degC", "ambient_degC"], Number] = {}
 
     @model_validator(mode="after")
-    def _whole(self) -> PlateTable:
+    def _check(self) -> PlateTable:
         self.model()
         return self
 
     def model(self) -> PlateModel:
-        return PlateModel(
-            self.seebeck_over_capacity_per_A_s,
-            self.resistance_over_capacity_K_per_A2_s,
-            self.conductance_over_capacity_per_s,
-            self.ambient_degC,
-            self.drive_over_capacity_K_per_s,
-            self.kind,
-            self.error_K,
-            self.error_time_s,
-            tuple(self.inputs.items()),
-            self.seebeck_slope_per_K,
-            self.resistance_slope_per_K,
-        )
+        names = [name for name in type(self).model_fields if name != "inputs"]  # those of PlateModel
+        return PlateModel(**{name: getattr(self, name) for name in names}, inputs=tuple(self.inputs.items()))
 
 
 class ModelTable(Table):
@@ -186,10 +172,15 @@ class ModelTable(Table):
 
 @dataclass(frozen=True)
 class Model:
-    """What a model file holds: a film, a plate, or both, and effects beyond the base model. drive: what the film's
-    temperature is predicted from, where the file says so. mixing: how the film's phases add up, None: in their
-    logarithms. film_records: whole paths of the records that told the film; film_seen_degC: the least and the largest
-    temperature in these."""
+    """A model file's content: a film, a plate, or both, and effects beyond the base model.
+
+    Attributes
+    ----------
+    drive : what the film's temperature is predicted from, if the file says so
+    mixing : how the film's phases add up; None: as logarithms
+    film_records : whole paths of the records that the film was fitted to
+    film_seen_degC : the least and the largest temperature in them
+    """
 
     film: FilmModel | None
     plate: PlateModel | None
@@ -200,27 +191,27 @@ class Model:
     film_seen_degC: tuple[float, float] | None = None
 
     def switched(self) -> tuple[Switched, ...]:
-        """The mixing of the film's phases, and the effects with their values. Raises Faults where one is not in the
+        """Return the mixing of the film's phases and the effects with their values. Raises Faults if one is not in the
         catalogue."""
         mixing = () if self.mixing is None else (self.mixing.reading(),)
         if not self.effects:
             return mixing
-        from rig.config.effect_tables import switched_effects
+        from rig.config.effect_tables import switch_effects
 
-        found, lines = switched_effects(self.effects, "effects")
+        found, lines = switch_effects(self.effects, "effects")
         if lines:
             raise Faults(lines)
         return (*mixing, *found)
 
 
 def read_model(path: Path, *, needs: tuple[Literal["film", "plate"], ...] = ()) -> Model:
-    """Read and check a model file. Raises Faults; `needs` names the tables that must be there."""
-    table = checked(ModelTable, read_toml(path), path)
+    """Return a checked model; needs: tables that must be there. Raises Faults."""
+    table = validate(ModelTable, read_toml(path), path)
     lines = [f"{path}: {name}: missing; expected a table [{name}]" for name in needs if getattr(table, name) is None]
     if table.effects:
-        from rig.config.effect_tables import switched_effects
+        from rig.config.effect_tables import switch_effects
 
-        lines += switched_effects(table.effects, f"{path}: effects")[1]
+        lines += switch_effects(table.effects, f"{path}: effects")[1]
     if lines:
         raise Faults(lines)
     return Model(
@@ -234,11 +225,31 @@ def read_model(path: Path, *, needs: tuple[Literal["film", "plate"], ...] = ()) 
     )
 
 
-def _envelope(envelope: Envelope) -> dict[str, Any]:
+def write_model(path: Path, model: Model, comment: str = "") -> None:
+    """Write a model file; numbers read back to the same bits. comment: lines for its top."""
+    table: dict[str, Any] = {} if model.drive is None else {"drive": model.drive}
+    if model.film is not None:
+        if model.film_records:
+            table["film_records"] = list(model.film_records)
+        if model.film_seen_degC is not None:
+            table["film_seen_degC"] = [float(end) for end in model.film_seen_degC]
+        table["film"] = _film_table(model.film)
+        if model.mixing is not None:
+            names = ("exponent", "percolation", "low_dec", "high_dec")
+            table["film"]["mixing"] = {name: float(getattr(model.mixing, name)) for name in names}
+    if model.plate is not None:
+        table["plate"] = plate_table(model.plate)
+    if model.effects:
+        table["effects"] = [dict(effect) for effect in model.effects]
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    write_text(path, head + tomli_w.dumps(table, multiline_strings=False))
+
+
+def _envelope_table(envelope: Envelope) -> dict[str, Any]:
     return {"function": envelope.function, "a": float(envelope.a), "b": float(envelope.b)}
 
 
-def _film(model: FilmModel) -> dict[str, Any]:
+def _film_table(model: FilmModel) -> dict[str, Any]:
     d = model.memoryless
     memoryless: dict[str, Any] = {"function": d.function}
     if d.function in ("tanh", "sin", "cos", "linear"):
@@ -252,7 +263,7 @@ def _film(model: FilmModel) -> dict[str, Any]:
     if isinstance(model.rising, tuple):
         assert isinstance(model.falling, tuple)
         table["operators"] = [
-            {"radius": float(r), "weight": float(p), "rising": _envelope(up), "falling": _envelope(down)}
+            {"radius": float(r), "weight": float(p), "rising": _envelope_table(up), "falling": _envelope_table(down)}
             for r, p, up, down in zip(model.radii, model.weights, model.rising, model.falling, strict=True)
         ]
     else:
@@ -260,50 +271,19 @@ def _film(model: FilmModel) -> dict[str, Any]:
         table["radii"] = [float(r) for r in model.radii]
         table["weights"] = [float(p) for p in model.weights]
         if model.kind != "classical_pi":
-            table["rising"], table["falling"] = _envelope(model.rising), _envelope(model.falling)
+            table["rising"], table["falling"] = _envelope_table(model.rising), _envelope_table(model.falling)
     table["memoryless"] = memoryless
     return table
 
 
 def plate_table(model: PlateModel) -> dict[str, Any]:
-    """A plate as its table [plate]."""
-    table: dict[str, Any] = {"kind": model.kind}
+    """Return a plate as the table [plate]."""
+    names = ["drive_over_capacity_K_per_s"]
     if model.kind == "peltier":
-        table["seebeck_over_capacity_per_A_s"] = float(model.seebeck_over_capacity_per_A_s)
-        table["resistance_over_capacity_K_per_A2_s"] = float(model.resistance_over_capacity_K_per_A2_s)
-    else:
-        table["drive_over_capacity_K_per_s"] = float(model.drive_over_capacity_K_per_s)
-    table["conductance_over_capacity_per_s"] = float(model.conductance_over_capacity_per_s)
-    table["ambient_degC"] = float(model.ambient_degC)
-    for name in ("seebeck_slope_per_K", "resistance_slope_per_K"):
-        if (slope := float(getattr(model, name))) != 0.0:
-            table[name] = slope
-    if model.error_K > 0.0:
-        table["error_K"] = float(model.error_K)
-    if model.error_time_s > 0.0:
-        table["error_time_s"] = float(model.error_time_s)
-    if model.inputs:
-        table["inputs"] = {name: float(value) for name, value in model.inputs}
-    return table
-
-
-def write_model(path: Path, model: Model, comment: str = "") -> None:
-    """Write a model file; numbers read back to the same bits. `comment` lines go on top."""
-    table: dict[str, Any] = {}
-    if model.drive is not None:
-        table["drive"] = model.drive
-    if model.film is not None and model.film_records:
-        table["film_records"] = list(model.film_records)
-    if model.film is not None and model.film_seen_degC is not None:
-        table["film_seen_degC"] = [float(end) for end in model.film_seen_degC]
-    if model.film is not None:
-        table["film"] = _film(model.film)
-    if model.film is not None and model.mixing is not None:
-        names = ("exponent", "percolation", "low_dec", "high_dec")
-        table["film"]["mixing"] = {name: float(getattr(model.mixing, name)) for name in names}
-    if model.plate is not None:
-        table["plate"] = plate_table(model.plate)
-    if model.effects:
-        table["effects"] = [dict(effect) for effect in model.effects]
-    head = "".join(f"# {line}\n" for line in comment.splitlines())
-    write_text(path, head + tomli_w.dumps(table, multiline_strings=False))
+        names = ["seebeck_over_capacity_per_A_s", "resistance_over_capacity_K_per_A2_s"]
+    names += ["conductance_over_capacity_per_s", "ambient_degC"]
+    written = {name: float(getattr(model, name)) for name in names}
+    optional = ("seebeck_slope_per_K", "resistance_slope_per_K", "error_K", "error_time_s")
+    written |= {name: value for name in optional if (value := float(getattr(model, name))) != 0.0}
+    inputs = {"inputs": {name: float(value) for name, value in model.inputs}} if model.inputs else {}
+    return {"kind": model.kind, **written, **inputs}

@@ -1,4 +1,4 @@
-"""[simulation]: what is true of the simulated rig."""
+"""The tables of a configuration: every key has its unit in its name and its default here."""
 
 from __future__ import annotations
 
@@ -13,26 +13,63 @@ from rig.config.schema import (
     LARGEST,
     Count,
     Days,
+    HostName,
     Limits,
     NotNegative,
     Number,
     Period,
     Positive,
     Range,
-    ReachableName,
     Span,
     Table,
     Wait,
 )
 
-SMALLEST_PULSE = 0.01  # of the current limit: such a pulse takes four minutes to put in what moves a plate
+SMALLEST_PULSE = 0.01  # of the current limit: such a pulse takes four minutes to move a plate
+MOST_CASES = 1_000_000  # of a sweep
+PREFIX = r"^[A-Za-z0-9_.:-]{1,40}$"  # of EPICS names, which have room for 60 characters; ours need 20
+TrackingLaw = Literal["full", "pid", "feedforward", "instrument_pid"]
+ExperimentKind = Literal["track_resistance", "track_output", "temperature_profile", "current_profile", "hold"]
+SweepTask = Literal["experiment", "identification", "diagnosis"]
+TcpPort = Annotated[int, Field(ge=1024, le=65534)]  # the one after it is used as well
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+def _check_web_address(secret: SecretStr) -> SecretStr:
+    if not re.fullmatch(r"https?://[!-~]+", secret.get_secret_value()):
+        raise ValueError("expected an address that begins with http:// or https://")
+    return secret
+
+
+def _check_pulse(share: float) -> float:
+    if 0.0 < share < SMALLEST_PULSE:
+        raise ValueError(f"expected 0 (no pulse), or {SMALLEST_PULSE:g} to 1: a smaller one moves no plate")
+    return share
+
+
+def _check_ipv4(text: str) -> str:
+    try:
+        ipaddress.IPv4Address(text)
+    except ValueError:
+        raise ValueError("expected an IPv4 address, as in 127.0.0.1; 0.0.0.0: every interface") from None
+    return text
+
+
+def _check_name(text: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", text):
+        raise ValueError("expected a name of letters, digits and _ . -")
+    return text
+
+
+Token = Annotated[SecretStr, Field(min_length=16)]
+Name = Annotated[str, AfterValidator(_check_name)]
 
 
 class InstrumentTable(Table):
     """An instrument: driver by name, port as pyserial opens it.
 
-    options are the driver's own, such as an address or a model; baud changes the line's rate from the driver's.
-    serial_number: the instrument's own; nothing runs where another one answers.
+    options: of the driver, such as an address or a model. baud: the line's rate, if not the driver's. serial_number: of
+    the instrument; nothing runs if another one answers.
     """
 
     driver: str
@@ -43,14 +80,14 @@ class InstrumentTable(Table):
 
 
 class ControllerTable(InstrumentTable):
-    """[bench.controller]: dead_man_s, after which without a word from us the controller switches itself off."""
+    """[bench.controller]; dead_man_s: the controller switches itself off after so long without a message from us."""
 
     dead_man_s: Span = 5.0
 
 
 class MeterTable(InstrumentTable):
-    """[bench.meter]: four_wire, integration time in power-line cycles (nplc), integrations that a reading is the mean
-    of (average; left out, as many as a period has room for).
+    """[bench.meter]; nplc: integration time in power-line cycles; average: integrations in a reading, by default as
+    many as a period has room for.
 
     With quantity "voltage" a voltage in a range of range_V stands for the film's output (its name and unit, as in
     "curvature_per_m"), by a formula of voltage_V: "(voltage_V - 0.131) * 22.4" (rig.drivers.formula).
@@ -65,7 +102,7 @@ class MeterTable(InstrumentTable):
     range_V: Positive = 10.0
 
     @model_validator(mode="after")
-    def _whole(self) -> MeterTable:
+    def _check(self) -> MeterTable:
         from rig.drivers.formula import formula
         from rig.drivers.formula_meter import check_output
 
@@ -83,25 +120,19 @@ class MeterTable(InstrumentTable):
 
 
 class BenchTable(Table):
-    """[bench]: time is "virtual" only with sim:// ports, and their default; else "real"."""
+    """[bench]; time: "virtual" (only with sim:// ports, and their default) or "real"."""
 
     time: Literal["real", "virtual"] | None = None
     controller: ControllerTable
     meter: MeterTable | None = None
 
 
-def _pulse(share: float) -> float:
-    """The share of the current limit, if it is none or makes a pulse that ends. Raises ValueError."""
-    if 0.0 < share < SMALLEST_PULSE:
-        raise ValueError(f"expected 0 (no pulse), or {SMALLEST_PULSE:g} to 1: a smaller one moves no plate")
-    return share
-
-
 class LimitsTable(Table):
-    """[limits]: what the interlock trips on. stale_s: a reading older than this is none.
+    """[limits]: bounds beyond which the interlock switches off.
 
-    rate_K_per_s: faster than any plate; a reading that moved by more is none. runaway_s: for how long the plate may
-    move against the current, or not at all. polarity_share: of current_A, for the pulse before a run; 0: no pulse.
+    stale_s: an older reading does not count. rate_K_per_s: faster than any plate; a reading that moved by more does not
+    count. runaway_s: for so long the plate may move against the current, or not at all. polarity_share: of current_A,
+    for the pulse before a run; 0: no pulse.
     """
 
     temperature_degC: Limits = (5.0, 100.0)
@@ -110,24 +141,19 @@ class LimitsTable(Table):
     stale_s: Span = 2.0
     rate_K_per_s: Positive = 20.0
     runaway_s: Span = 20.0
-    polarity_share: Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_pulse)] = 0.25
-
-
-TrackingLaw = Literal["full", "pid", "feedforward", "instrument_pid"]
-Kind = Literal["track_resistance", "track_output", "temperature_profile", "current_profile", "hold"]
+    polarity_share: Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_check_pulse)] = 0.25
 
 
 class ExperimentTable(Table):
-    """[experiment]: what to do. target: a CSV file, or a profile in words. "track_output": of the quantity that the
-    meter's voltage stands for.
+    """[experiment]; target: a CSV file, or a profile in words. Kind "track_output" tracks the quantity that the meter's
+    voltage stands for.
 
-    repeat: of a resistance that is tracked, how often; each repetition knows of what the model lacked in those
-    before. learned: the folder of a run whose learned.csv the first one begins with. memory: what is known of the film
-    at first: "condition" drives it to the hot end, so that all is; "estimate" begins where it is and lets the readings
-    tell; "assume" begins where it is with the model's `initial`.
+    repeat: repetitions of a resistance that is tracked, each corrected for what the model lacked in those before.
+    learned: folder of a run whose learned.csv corrects the first. memory: of the film at first: "condition" drives it
+    to the hot end, so that it is known; "estimate" fits it to the readings; "assume" takes the model's `initial`.
     """
 
-    kind: Kind = "track_resistance"
+    kind: ExperimentKind = "track_resistance"
     name: str = Field(default="run", pattern=r"^[A-Za-z0-9_.-]{1,40}$")
     target: str | list[str] | None = None
     model: str | None = None
@@ -141,38 +167,36 @@ class ExperimentTable(Table):
 
     @property
     def laws(self) -> tuple[TrackingLaw, ...]:
-        """Those that track the target, each once: the run's own, then those to compare it with."""
+        """The laws that track the target, each once: the run's own, then those to compare it with."""
         return tuple(dict.fromkeys((self.law, *self.compare)))
 
 
 class ControlTable(Table):
     """[control]: design of the laws.
 
-    ms: largest sensitivity asked of a PID; with 1.42 that of the whole law stays below 1.6 with a film 0.6 times as
-    steep as the model's, with less it does not. dead_time_s: of the bench, one period where it is not given. band_dec:
-    a difference for which the resistance does not turn round, at the least; what noise makes of it the run estimates.
-    most_share: of what the ohmmeter is off the model, that one reading may change the law's correction by; 0.35 is what
-    the margins of the whole law allow at a period of 0.1 s (`peltier tune` says it of any other).
-    preview_s: how far a law looks ahead, as long as the plate takes across the film's loop where it is not given.
-    rate_share: of the plate's fastest rates, for ramps of temperature; a resistance has all of them where it is not
-    given.
+    ms: largest sensitivity of a PID; with 1.42 that of the whole law stays below 1.6 for a film 0.6 times as steep as
+    the model's. dead_time_s: of the bench, by default one period. band_dec: least difference at which the reference
+    turns round; a run estimates what noise adds. most_share: of the difference between ohmmeter and model, that one
+    reading may change the law's correction by; 0.35 is what the margins of the whole law allow at a period of 0.1 s
+    (`peltier tune` computes it for others). preview_s: how far a law looks ahead, by default as long as the plate takes
+    across the film's loop. rate_share: of the plate's fastest rates, for ramps of temperature.
     """
 
     ms: Annotated[float, Field(gt=1.05, le=2.5)] = 1.42
     dead_time_s: Annotated[float, Field(ge=0.0, le=3600.0)] | None = None
     preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] | None = None
     band_dec: NotNegative = 0.0
-    rate_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.9
-    most_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.35
+    rate_share: Share = 0.9
+    most_share: Share = 0.35
 
     @property
     def resistance_rate_share(self) -> float:
-        """The same for a resistance: its reference begins anew each period, and needs no reserve."""
+        """The rate_share for a resistance, by default 1: its reference is computed anew each period."""
         return self.rate_share if "rate_share" in self.model_fields_set else 1.0
 
 
 class CalibrationTable(Table):
-    """[calibration]: the profile that fixes film and plate, in a range of temperatures."""
+    """[calibration]: the profile to which film and plate are fitted, within a range of temperatures."""
 
     temperature_degC: Range | None = None
     transition_degC: Range | None = None
@@ -198,7 +222,7 @@ class RelayFilmTable(Table):
 
 
 class ModelFilmTable(Table):
-    """[simulation.film] kind = "model": the film of a model file is the truth."""
+    """[simulation.film] kind = "model": the film of a model file."""
 
     kind: Literal["model"]
     model: str
@@ -212,7 +236,7 @@ class HeatSinkTable(Table):
 
 
 class DetectorTable(Table):
-    """[simulation.detector]: what a voltmeter sees of the film's output, see sim.world.detector."""
+    """[simulation.detector]: a voltmeter's reading of the film's output, see sim.world.detector."""
 
     volts_per_unit: Number
     offset_V: Number = 0.0
@@ -220,11 +244,11 @@ class DetectorTable(Table):
 
 
 class SimulationTable(Table):
-    """[simulation]: what is true of the simulated rig; the controller does not see it.
+    """[simulation]: the true properties of the simulated rig, which the controller does not see.
 
-    effects: tables with a name of the catalogue and its parameters, each by default the middle of the usual sizes;
-    effect_files: Python files beside this one with effects of one's own, see docs/own_effect.md.
-    meter_current_A: the ohmmeter's, where `simulate` has no instruments (a current_profile without that column).
+    effects: tables with a name of the catalogue and its parameters, each by default the middle of its typical range.
+    effect_files: Python files beside this one with user-defined effects, see docs/own_effect.md. meter_current_A: the
+    ohmmeter's, if `simulate` has no instruments (a current_profile without that column).
     """
 
     plate: PlateTable = PlateTable(
@@ -246,74 +270,64 @@ class SimulationTable(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _default_kind(cls, data: Any) -> Any:
+    def _add_default_kind(cls, data: Any) -> Any:
         if isinstance(data, dict) and isinstance(data.get("film"), dict):
             return {**data, "film": {"kind": "preisach", **data["film"]}}
         return data
 
 
-def _web_address(secret: SecretStr) -> SecretStr:
-    if not re.fullmatch(r"https?://[!-~]+", secret.get_secret_value()):
-        raise ValueError("expected an address that begins with http:// or https://")
-    return secret
-
-
 class ServeTable(Table):
     """[serve]: the bench daemon, see docs/daemon.md.
 
-    folder: run folders and history.sqlite; configurations: those that may be started; both beside this file, by
-    default runs/ where the daemon was started, and this file's folder. token: asked for wherever it is set, on the
-    loopback too, where a proxy's visitors come from; addresses beyond the loopback need one. metrics_token: opens
-    /metrics and nothing else. hosts: further names or origins ("https://bench.lab.example") by which browsers reach it.
-    port 0: any that is free. stop_port: of the listener that takes nothing but STOP; by default the one after `port`.
-    diagnose: "nightly" has `peltier trend` look at the runs from diagnose_hour on, while nothing runs.
+    folder: of run folders and history.sqlite, by default runs/ where the daemon was started. configurations: folder of
+    those that may be started, by default this file's. token: opens the page and the interface, on the loopback too; a
+    must beyond the loopback. metrics_token: opens /metrics and nothing else. hosts: further names or origins
+    ("https://bench.lab.example") by which browsers reach it. port 0: any that is free. stop_port: of the listener for
+    STOP alone, by default the one after `port`. diagnose: "nightly" runs `peltier trend` on the runs from diagnose_hour
+    on, while no run is going on.
     """
 
     name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_-]{1,40}$")
     address: str = "127.0.0.1"
     port: int = Field(default=8765, ge=0, le=65535)
     stop_port: int | None = Field(default=None, ge=0, le=65535)
-    token: Annotated[SecretStr, Field(min_length=16)] | None = None
-    metrics_token: Annotated[SecretStr, Field(min_length=16)] | None = None
-    hosts: list[ReachableName] = []
+    token: Token | None = None
+    metrics_token: Token | None = None
+    hosts: list[HostName] = []
     folder: str | None = None
     configurations: str = "."
     idle_period_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
     raw_days: Days = 30.0
     minute_days: Days = 400.0
     hour_days: Days = 4000.0
-    webhook: Annotated[SecretStr, AfterValidator(_web_address)] | None = None
+    webhook: Annotated[SecretStr, AfterValidator(_check_web_address)] | None = None
     diagnose: Literal["never", "nightly"] = "never"
     diagnose_hour: Annotated[int, Field(ge=0, le=18)] = 3
 
 
-What = Literal["experiment", "identification", "diagnosis"]
-MOST = 1_000_000  # of cases: beyond it a table is none
-
-
 class SweepTable(Table):
-    """[sweep].
+    """[sweep]: the cases of `peltier sweep`.
 
-    what: of each case the experiment alone, or what identification or diagnosis make of its record. records: files to
-    identify or to diagnose, in the place of simulated experiments; names with * and ? beside this file.
-    plan: "grid", every value with every other, or "latin_hypercube", `samples` points in `ranges`.
-    seeds: of the noise, a list or how many; a Latin hypercube takes one for each point. effects: alternatives, each a
-    list of effects as `simulate --effect` names them. parameters: lists of values for keys of this file, as in
-    "control.ms" = [1.2, 1.4]. ranges: of a Latin hypercube, [low, high] of a key. plan_seed: of its points.
+    what: the experiment alone, or identification or diagnosis of its record. records: files to identify or to diagnose
+    in place of simulated experiments; names with * and ? beside this file. plan: "grid", every value with every other,
+    or "latin_hypercube", `samples` points in `ranges`. seeds: of the noise, a list or how many; a Latin hypercube takes
+    one for each point. effects: alternatives, each a list of effects as in `simulate --effect`. parameters: values for
+    keys of this file, as in "control.ms" = [1.2, 1.4]. ranges: of a Latin hypercube, [low, high] of a key. plan_seed:
+    of its points.
     """
 
-    what: What = "experiment"
+    what: SweepTask = "experiment"
     records: list[str] = []
     plan: Literal["grid", "latin_hypercube"] = "grid"
-    seeds: Annotated[int, Field(ge=0, le=MOST)] | list[int] = Field(default=1)
+    seeds: Annotated[int, Field(ge=0, le=MOST_CASES)] | list[int] = Field(default=1)
     effects: list[list[str]] = [[]]
     parameters: dict[str, list[Any]] = {}
     ranges: dict[str, tuple[Annotated[float, Field(ge=-LARGEST, le=LARGEST)], Annotated[float, Field(le=LARGEST)]]] = {}
-    samples: Annotated[int, Field(ge=1, le=MOST)] | None = None
+    samples: Annotated[int, Field(ge=1, le=MOST_CASES)] | None = None
     plan_seed: Annotated[int, Field(ge=0)] = 0
 
     @model_validator(mode="after")
-    def _one_plan(self) -> SweepTable:
+    def _check_plan(self) -> SweepTable:
         if self.records and self.what == "experiment":
             raise ValueError('records: expected what = "identification" or "diagnosis" beside them')
         if self.records and (self.parameters or self.ranges or self.effects != [[]]):
@@ -329,44 +343,22 @@ class SweepTable(Table):
 
 
 class SweepFile(Table):
-    """The part of a configuration that says it, so that a fault is told with the table's name."""
+    """The table [sweep] of a configuration, so that its faults name the table."""
 
     sweep: SweepTable
-
-
-# Beside the prefix a record's name has at most 20 characters, and EPICS has room for 60.
-PREFIX = r"^[A-Za-z0-9_.:-]{1,40}$"
-TcpPort = Annotated[int, Field(ge=1024, le=65534)]  # the one after it is used as well
-
-
-def _address(text: str) -> str:
-    try:
-        ipaddress.IPv4Address(text)
-    except ValueError:
-        raise ValueError("expected an IPv4 address, as in 127.0.0.1; 0.0.0.0: every interface") from None
-    return text
-
-
-def _plain(text: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", text):
-        raise ValueError("expected a name of letters, digits and _ . -")
-    return text
-
-
-Name = Annotated[str, AfterValidator(_plain)]
 
 
 class EpicsTable(Table):
     """[epics]: the EPICS server of `peltier epics`, see docs/epics.md.
 
-    prefix: of the records' names, before a colon; by default serve.name. address: where it listens; beyond the loopback
+    prefix: of the records' names, before a colon, by default serve.name. address: to listen at; beyond the loopback
     everybody there can read, and STOP. ca_port: Channel Access, TCP and UDP. pva_port: PV Access, TCP; the one after it
-    is UDP, for searches. write: whether there are records that start and reset; they are for `users` on `hosts` (each
-    means anybody where it is empty; both empty is refused).
+    is UDP, for searches. write: offer records that start and reset, to `users` on `hosts` (an empty list is anybody;
+    both empty are refused).
     """
 
     prefix: str | None = Field(default=None, pattern=PREFIX)
-    address: Annotated[str, AfterValidator(_address)] = "127.0.0.1"
+    address: Annotated[str, AfterValidator(_check_ipv4)] = "127.0.0.1"
     ca_port: TcpPort = 5064
     pva_port: TcpPort = 5075
     write: bool = False
@@ -374,7 +366,7 @@ class EpicsTable(Table):
     hosts: list[Name] = []
 
     @model_validator(mode="after")
-    def _whole(self) -> EpicsTable:
+    def _check_writers(self) -> EpicsTable:
         if self.write and not (self.users or self.hosts):
             raise ValueError("users, hosts: missing; expected who may write, with write = true")
         return self

@@ -1,7 +1,6 @@
-"""The text of a TOML file and what TOML makes of it. Import-light, so that `peltier off` loads nothing else.
+"""The content of a TOML file. Import-light, so that `peltier off` loads nothing else.
 
-What no schema could say is refused here: numbers of more than 64 bits, the character NUL, tables inside tables without
-end.
+Refused here is what no schema could refuse: numbers of more than 64 bits, the character NUL, tables nested without end.
 """
 
 from __future__ import annotations
@@ -15,16 +14,16 @@ from rig.core.faults import Faults, fault
 
 MOST_BYTES = 50_000_000  # a model of 100,000 operators takes 20 MB
 DEEPEST = 20  # tables and lists inside each other; a configuration needs five
-SHOWN = 80  # characters of a value that is told of
+SHOWN = 80  # characters of a value in a message
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The file's content. Raises Faults where it is missing, unreadable or no TOML."""
+    """Return the file's content. Raises Faults if it is missing, unreadable or no TOML."""
     return parsed_toml(read_text(path), path)
 
 
 def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
-    """The file's text. Raises Faults where it is missing, no file, too large, or not UTF-8."""
+    """Return the file's text. Raises Faults if it is missing, no file, too large, or not UTF-8."""
     try:
         if path.exists() and not path.is_file():
             raise fault(path, "", "is no file")
@@ -42,7 +41,7 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
 
 
 def parsed_toml(text: str, where: Path) -> dict[str, Any]:
-    """What TOML makes of a text. Raises Faults where it is none, or holds what no table of ours could."""
+    """Return the tables in a text; where: the file, for messages. Raises Faults."""
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -51,14 +50,13 @@ def parsed_toml(text: str, where: Path) -> dict[str, Any]:
         raise fault(where, "", "is not valid TOML: an integer of too many digits; expected at most 64 bits") from None
     except RecursionError:
         raise fault(where, "", f"is not valid TOML: nested too deeply; expected at most {DEEPEST} levels") from None
-    lines = [f"{where}: {line}" for line in _unusable(content)]
+    lines = [f"{where}: {line}" for line in _unusable_values(content)]
     if lines:
         raise Faults(lines[:20])
     return content
 
 
-def _unusable(content: dict[str, Any]) -> Iterator[str]:
-    """A line for each value that is beyond TOML's own bounds, or that no file name and no port can hold."""
+def _unusable_values(content: dict[str, Any]) -> Iterator[str]:
     left: list[tuple[str, Any, int]] = [("", content, 0)]
     while left:
         place, value, depth = left.pop()
@@ -78,6 +76,6 @@ def _unusable(content: dict[str, Any]) -> Iterator[str]:
 
 
 def shown(value: object) -> str:
-    """A value as a fault shows it: its beginning, where it is long."""
+    """Return a value as a message shows it: its beginning, if it is long."""
     text = repr(value)
     return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."

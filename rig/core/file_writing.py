@@ -1,5 +1,4 @@
-"""Text into files, whole or not at all, so that whatever fails names its file: the error of a full disk does not by
-itself."""
+"""Files that are written whole or not at all, and errors that name their file, as that of a full disk does not."""
 
 from __future__ import annotations
 
@@ -10,8 +9,8 @@ from pathlib import Path
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """An OSError from inside that names no file names this one."""
+def naming_file(path: Path) -> Iterator[None]:
+    """Add the file's name to an OSError from inside that has none."""
     try:
         yield
     except OSError as error:
@@ -21,36 +20,34 @@ def naming(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def replaced(path: Path) -> Iterator[Path]:
-    """A file that is there whole, or as it was before. Raises OSError, which names the file; what was written of the
-    new one until then would take room away from the next trial."""
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a new file to write to, which replaces the one at `path` at the end; after an error the old one stays and
+    the new one is deleted, so that it takes no space from the next attempt. Raises OSError, which names the file."""
     new = path.with_name(path.name + ".new")
     try:
-        with naming(path):
+        with naming_file(path):
             yield new
             os.replace(new, path)
     except BaseException as error:
         with suppress(OSError):
             new.unlink()
-        if isinstance(error, OSError) and error.filename == str(new):  # nobody has asked for a file of this name
+        if isinstance(error, OSError) and error.filename == str(new):  # the user knows no file of this name
             error.filename = str(path)
         raise
 
 
 @contextmanager
-def written(path: Path) -> Iterator[Path]:
-    """Where to write what is to be the file: beside it, and in its place at the end, so that a full disk leaves no half
-    of it and takes away nothing that was there before. A link, a pipe and a device are written to as they are. Raises
-    OSError, which names the file."""
+def writing(path: Path) -> Iterator[Path]:
+    """Give a file to write to as `replacing` does; a link, a pipe and a device are written to as they are."""
     if path.is_symlink() or (path.exists() and not path.is_file()):
-        with naming(path):
+        with naming_file(path):
             yield path
     else:
-        with replaced(path) as new:
+        with replacing(path) as new:
             yield new
 
 
 def write_text(path: Path, text: str) -> None:
-    """The text as the file's content, UTF-8. Raises OSError, which names the file."""
-    with written(path) as new:
+    """Write a text as UTF-8, whole or not at all. Raises OSError, which names the file."""
+    with writing(path) as new:
         new.write_text(text, encoding="utf-8")

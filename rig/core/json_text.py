@@ -1,7 +1,7 @@
-"""JSON as it is taken from others: UTF-8, numbers that are numbers, text that can be shown and kept. Import-light.
+"""JSON from other programs, checked: UTF-8, finite numbers, text that can be shown and stored. Import-light.
 
-Python's own reader lets more pass: halves of surrogate pairs, which no file, no database and no other program takes;
-the words NaN and Infinity; integers and depths at which it raises something else than a fault.
+Python's reader accepts more: halves of surrogate pairs, which no file and no database stores; the words NaN and
+Infinity; integers and depths at which it raises something else than a ValueError.
 """
 
 from __future__ import annotations
@@ -14,30 +14,31 @@ DEEPEST = 50  # lists and objects inside each other
 LARGEST = 2**63
 
 
+class _NotFinite(ValueError):
+    """NaN or Infinity."""
+
+
 def parsed_json(content: bytes | str) -> Any:
-    """The value. Raises ValueError with what is expected."""
+    """Return the value. Raises ValueError with what is expected."""
     try:
         text = content.decode("utf-8") if isinstance(content, bytes) else content
+        value = json.loads(text, parse_constant=_refuse)
     except UnicodeDecodeError as error:
         raise ValueError(f"byte {error.start}: expected UTF-8 text") from None
-    try:
-        value = json.loads(text, parse_constant=_no_number)
     except RecursionError:
         raise ValueError(f"nested too deeply; expected at most {DEEPEST} levels") from None
     except json.JSONDecodeError as error:
         raise ValueError(f"character {error.pos}: expected JSON") from None
-    except ValueError as error:
-        raise ValueError(str(error) if isinstance(error, _NoNumber) else "expected numbers of fewer digits") from None
+    except _NotFinite:
+        raise
+    except ValueError:
+        raise ValueError("expected numbers of fewer digits") from None
     _check(value)
     return value
 
 
-class _NoNumber(ValueError):
-    """NaN or Infinity."""
-
-
-def _no_number(word: str) -> Any:
-    raise _NoNumber(f"{word}: expected a finite number")
+def _refuse(word: str) -> Any:
+    raise _NotFinite(f"{word}: expected a finite number")
 
 
 def _check(value: Any) -> None:
@@ -59,7 +60,7 @@ def _check(value: Any) -> None:
 
 
 def usable(text: str) -> bool:
-    """Whether text can be shown and kept: no half of a surrogate pair, no NUL."""
+    """Return True if a text can be shown and stored: no half of a surrogate pair, no NUL."""
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:
@@ -68,7 +69,11 @@ def usable(text: str) -> bool:
 
 
 def finite(value: Any) -> Any:
-    """The value with null for what is no finite number, however deep inside it."""
+    """Return the value with null in place of nan and infinities, for the daemon's answers.
+
+    Files keep infinities as text (`rig.records.run_folder.plain_json`): they say at which end an instrument was beyond
+    its range. Readers of an answer want a number or none.
+    """
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

@@ -36,7 +36,7 @@ from rig.experiment.extended_model import plate_observer
 from rig.experiment.minor_loops import fitted_and_checked, minor_turning_points, transition_range
 from rig.experiment.pulses import check_same_plate, heat_by_pulses, plate_of_pulses
 from rig.records.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
-from rig.records.run_folder import RunFolder, at_its_end
+from rig.records.run_folder import RunFolder, final_path
 from rig.safety.first_plate import KnownPlate
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from sim.effects.actuator_delay import EFFECT as ACTUATOR_DELAY
@@ -225,7 +225,7 @@ def identify_calibration(
     error = error[np.isfinite(error)]
     simulated = plate_fit.model.simulate(plate_fit.first_degC[0], time, current)
     error_K = (simulated - plate_degC)[checked]
-    records, seen_degC = (str(at_its_end(folder.path / "record.csv")),), (np.nanmin(plate_degC), np.nanmax(plate_degC))
+    records, seen_degC = (str(final_path(folder.path / "record.csv")),), (np.nanmin(plate_degC), np.nanmax(plate_degC))
     model = Model(film, plate_fit.model, film_records=records, film_seen_degC=seen_degC)
     if plate_fit.lag_s > 0.0:
         model = replace(model, effects=({"name": SENSOR_LAG.name, "tau_s": plate_fit.lag_s},))

@@ -19,7 +19,7 @@ from rig.analysis.score import COUNTED, Score, largest, profile_error, rms
 from rig.bench.assembly import Bench, open_bench
 from rig.config.configuration import ConfigurationFile
 from rig.config.model_file import Model, write_model
-from rig.config.target import Target, column_of_target
+from rig.config.target import Target, target_column
 from rig.control.loop import Loop
 from rig.control.policies import CurrentProfile, Follow, Setpoints
 from rig.control.tick import Progress, Tick
@@ -312,7 +312,7 @@ def _profile(session: Session, path: Path, result: Result) -> None:
 def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:
     """Target and model beside the rows, so that the folder stands alone."""
     values = 10.0**-target.values if target.quantity == "resistance" else target.values
-    write_columns(folder.part / "target.csv", {"time_s": target.times_s, column_of_target(target.quantity): values})
+    write_columns(folder.part / "target.csv", {"time_s": target.times_s, target_column(target.quantity): values})
     if model is not None:
         write_model(folder.part / "model.toml", model, "the model that the law used")
 

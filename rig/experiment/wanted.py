@@ -9,7 +9,7 @@ from rig.analysis.beyond_seen import beyond_seen
 from rig.analysis.predicted import needs_test_current
 from rig.config.configuration import Configuration, ConfigurationFile
 from rig.config.model_file import Model, read_model
-from rig.config.target import Target, read_target, target_in_words
+from rig.config.target import Target, parse_profile, read_target
 from rig.control.law_units import in_law_units, law_units
 from rig.core.faults import Faults, fault
 from rig.experiment.calibration import calibration_range
@@ -55,7 +55,7 @@ def target_of(file: ConfigurationFile) -> Target:
         raise fault(file.path, "experiment.target", f"missing; kind {e.kind!r} needs a CSV file or a profile in words")
     if isinstance(e.target, str):
         return read_target(file.beside(e.target), quantity)
-    return target_in_words(e.target, quantity, f"{file.path}: experiment.target")
+    return parse_profile(e.target, quantity, f"{file.path}: experiment.target")
 
 
 def wanted(file: ConfigurationFile, say: Callable[[str], None]) -> tuple[Target, Model | None]:

@@ -12,7 +12,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from rig.core.file_writing import replaced
+from rig.core.file_writing import replacing
 
 DIED = "process_died"
 REPORT_S = 60.0  # loading what draws takes some seconds on a small computer, drawing hours of rows some more
@@ -41,7 +41,7 @@ def write_end(left: Left | None, text: str, confirmed: bool) -> str:
         unfinished = left.folder
         at = datetime.datetime.now(datetime.UTC).isoformat()
         document["stop"] = {"at": at, "reason": DIED, "text": text, "output_off_confirmed": confirmed}
-        with replaced(path) as new:
+        with replacing(path) as new:
             new.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     except (OSError, ValueError):
         return unfinished

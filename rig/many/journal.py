@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from rig.core.faults import fault
-from rig.core.file_writing import naming, replaced
+from rig.core.file_writing import naming_file, replacing
 
 LINES, TIMES = "cases.jsonl", "times.csv"
 LOST = "lost"  # the status of a case whose process died: it is tried again when the command is given again
@@ -66,7 +66,7 @@ class Journal:
         """A case has ended."""
         self.done[number] = (dict(values), seconds)
         line = {"case": self._identities[number], "values": values, "seconds": round(seconds, 3)}
-        with naming(self._path):
+        with naming_file(self._path):
             self._lines.write(json.dumps(line) + "\n")
             self._lines.flush()
         if time.monotonic() - self._written_s > TABLE_EVERY_S:
@@ -97,17 +97,17 @@ class Journal:
     def write_table(self) -> None:
         """The table as far as it is."""
         write_table(self.folder / f"{self._name}.csv", self.rows())
-        with replaced(self.folder / TIMES) as path:
+        with replacing(self.folder / TIMES) as path:
             times = "".join(f"{number},{self.done[number][1]!r}\n" for number in sorted(self.done))
             path.write_text(f"number,seconds\n{times}", encoding="utf-8")
         self._written_s = time.monotonic()
 
     def close(self) -> None:
         """The table, also as NetCDF."""
-        with naming(self._path):
+        with naming_file(self._path):
             self._lines.close()
         self.write_table()
-        with replaced(self.folder / f"{self._name}.nc") as path:
+        with replacing(self.folder / f"{self._name}.nc") as path:
             write_netcdf(path, self.rows())
 
     def _take_alone(self) -> None:
@@ -182,7 +182,7 @@ def cases_in(folder: Path) -> list[Row]:
 
 def write_table(path: Path, rows: list[Row]) -> None:
     """CSV; a cell that a row does not have is empty."""
-    with replaced(path) as new, new.open("w", encoding="utf-8", newline="") as file:
+    with replacing(path) as new, new.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, names_of(rows), lineterminator="\n", restval="")
         writer.writeheader()
         writer.writerows({name: _in_table(cell) for name, cell in row.items()} for row in rows)

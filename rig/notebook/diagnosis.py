@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rig.analysis.diagnosed import diagnosed, model_of
-from rig.config.effect_tables import add_effect_files, assumed
+from rig.config.effect_tables import add_effect_files, check_assumed_effects
 from rig.config.model_file import Model
 from rig.core.faults import fault
 from rig.core.python_words import in_python
@@ -87,7 +87,7 @@ def diagnose(
     for name, value, choices in (("base", base, get_args(Base)), ("plate", plate, get_args(Plate))):
         if value is not None and value not in choices:
             raise fault("diagnose", f"{name} {value!r}", f"expected one of {', '.join(choices)}")
-    known = assumed([{"name": name, **values} for name, values in (assume or {}).items()], "assume")
+    known = check_assumed_effects([{"name": name, **values} for name, values in (assume or {}).items()], "assume")
     others = as_records(holdout)
     one, *more = as_records((record, *further))
     found, extended = diagnosed(one, base, output, others, plate, known, budget_s, more, false_alarm, say)

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 
-from rig.config.schema import ReachableName, Table, checked
+from rig.config.schema import HostName, Table, validate
 from rig.config.toml_file import parsed_toml, read_text
 from rig.core.faults import fault
 from rig.web.names import LOOPBACK
@@ -51,7 +51,7 @@ class OverviewTable(Table):
     address: str = "127.0.0.1"
     port: int = Field(default=8780, ge=0, le=65535)
     token: Annotated[SecretStr, Field(min_length=16)] | None = None
-    hosts: list[ReachableName] = []
+    hosts: list[HostName] = []
 
 
 class Overview(Table):
@@ -73,7 +73,7 @@ class Overview(Table):
 
 def read_overview(path: Path) -> Overview:
     """Read and check it. Raises Faults."""
-    content = checked(Overview, parsed_toml(read_text(path), path), path)
+    content = validate(Overview, parsed_toml(read_text(path), path), path)
     table = content.overview
     if table.address not in LOOPBACK and table.token is None:
         text = f"missing; address {table.address} is not the loopback: expected a token"

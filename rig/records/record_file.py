@@ -19,7 +19,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
-from rig.core.file_writing import written
+from rig.core.file_writing import writing
 from rig.records.branches import RowOrder
 from rig.records.column_names import ColumnMapping
 from rig.records.conversion import record_from_table
@@ -115,7 +115,7 @@ def _read_table(path: Path, decimal: str) -> Table:
 
 def write_columns(path: Path, columns: Mapping[str, Array | list[str]]) -> None:
     """Write columns as a CSV file; numbers read back to the same bits, nan becomes an empty field."""
-    with written(path) as new, new.open("w", encoding="utf-8", newline="") as file:
+    with writing(path) as new, new.open("w", encoding="utf-8", newline="") as file:
         print_columns(file, columns)
 
 

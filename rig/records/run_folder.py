@@ -1,13 +1,13 @@
-"""The run folder: a run is a document of start, rows and stop.
+"""The run folder: start, rows and stop of a run.
 
-    DIR.part/ while it runs, DIR/ when it is whole
-    run.json        start (settings, versions, instruments, limits) and stop (why it ended)
+    DIR.part/ while the run goes on, DIR/ when it is complete
+    run.json        start (settings, versions, instruments, limits) and stop (why the run ended)
     config.toml     the configuration as it was
     record.csv, record.nc     rows; NetCDF-3
     events.jsonl    what happened, a line each
     report.html, figures/
 
-A run.json without "stop" is of a run that crashed and had no guard; with one, the guard has written it.
+A run.json without "stop" is of a run that crashed without a guard; otherwise the guard has written it.
 """
 
 from __future__ import annotations
@@ -27,39 +27,42 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from compensator.hysteresis.functions import Array
 from rig.core.faults import fault
-from rig.core.file_writing import naming, replaced, write_text
+from rig.core.file_writing import naming_file, replacing, write_text
 from rig.version import __version__, source_digest
 
-PREDICTED = "predicted.csv"  # in a calibration's folder: what its model says of every row
+FORMAT = "peltier-run/1"
+PREDICTED = "predicted.csv"  # in a calibration's folder: its model's prediction of every row
+BLOCK = 4096  # rows whose memory is allocated at a time: half a megabyte, and no row moves when more come
 
 
 def default_folder(name: str, root: Path = Path("runs")) -> Path:
-    """runs/2026-11-21/20261121T031037Z_<name>_<id>: the date is the local one, the time UTC."""
+    """Return runs/2026-11-21/20261121T031037Z_<name>_<id>; the date is the local one, the time UTC."""
     now = datetime.datetime.now(datetime.UTC)
     day = now.astimezone().date().isoformat()
     return root / day / f"{now:%Y%m%dT%H%M%SZ}_{name}_{secrets.token_hex(3)}"
 
 
 def part_of(path: Path) -> Path:
-    """Where a run folder is while it is not whole."""
+    """Return the name of a run folder while the run goes on."""
     return path.with_name(path.name + ".part")
 
 
-def at_its_end(path: Path) -> Path:
-    """The whole path that what is in a run folder has once the run is over, and the runs around it."""
-    whole = path.absolute()
-    return Path(*(part.removesuffix(".part") for part in whole.parts))
+def final_path(path: Path) -> Path:
+    """Return the whole path that a file in a run folder has when the run, and the runs around it, are over."""
+    return Path(*(part.removesuffix(".part") for part in path.absolute().parts))
 
 
 def check_free(path: Path) -> None:
-    """Raises Faults where no run folder can have this name at the end of its run."""
+    """Raise Faults if a run folder cannot get this name at the end of its run."""
     if not path.name:
         raise fault(path, "--out", "is there already; expected a new folder")
     part = part_of(path)
     try:
-        if path.is_symlink() or part.is_symlink():  # the folder gets its name at the end, and no link can be replaced
-            raise fault(path if path.is_symlink() else part, "--out", "is a link; expected a new folder")
+        for each in (path, part):
+            if each.is_symlink():  # a link cannot be replaced by the folder
+                raise fault(each, "--out", "is a link; expected a new folder")
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise fault(path, "--out", "exists and is not empty; expected a new folder")
         if part.exists():
@@ -70,10 +73,8 @@ def check_free(path: Path) -> None:
 
 @contextmanager
 def prepared_folder(path: Path) -> Iterator[None]:
-    """Room for a run folder and those inside it, given back at the end where nothing was written into it.
-
-    Raises Faults where the folder is taken or cannot be made.
-    """
+    """Make a run folder and those around it, and remove at the end those that are empty. Raises Faults if the name is
+    taken or the folder cannot be made."""
     check_free(path)
     part = part_of(path)
     made = [part, *(parent for parent in part.parents if not parent.exists())]
@@ -84,13 +85,13 @@ def prepared_folder(path: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        with suppress(OSError):  # the first that is gone or has something in it ends it
+        with suppress(OSError):  # the first that is gone or not empty
             for folder in made:
                 folder.rmdir()
 
 
-def versions() -> dict[str, str]:
-    """Versions of what computed the run."""
+def software_versions() -> dict[str, str]:
+    """Return the versions of what computes a run, by package."""
     found = {"peltier-rig": __version__, "sources": source_digest(), "python": platform.python_version()}
     for name in ("numpy", "scipy", "numba", "control", "pyserial"):
         try:
@@ -100,194 +101,19 @@ def versions() -> dict[str, str]:
     return found
 
 
-class RunFolder:
-    """Writes one run folder. Rows reach the file at every flush; `finish` makes the folder whole. A folder that is
-    deleted meanwhile is written again with the next flush, from memory, where rows stay until the end: files without a
-    name would take rows without a word.
-
-    begun_s: when each phase has begun, s of the run.
-    """
-
-    def __init__(self, path: Path, start: dict[str, Any], configuration_text: str, columns: list[str]) -> None:
-        self.path = path
-        self.part = part_of(path)
-        self.part.mkdir(parents=True, exist_ok=True)
-        self.columns = columns
-        self.rows = PackedRows(len(columns))
-        self.begun_s: dict[str, float] = {}
-        self._kept = {"config.toml": configuration_text}  # texts by the names of their files
-        self._lines: list[str] = []  # of the events
-        self._open()
-        self.document: dict[str, Any] = {
-            "format": "peltier-run/1",
-            "start": {
-                "at": datetime.datetime.now(datetime.UTC).isoformat(),
-                "versions": versions(),
-                **start,
-            },
-        }
-        self._write_document()
-
-    def _open(self) -> None:
-        """The files, with all that they have to have by now."""
-        self._record: TextIO = (self.part / "record.csv").open("w", encoding="utf-8", newline="")
-        self._record.write(",".join(self.columns) + "\n")
-        self._record.writelines(map(_csv_line, self.rows))
-        self._events: TextIO = (self.part / "events.jsonl").open("w", encoding="utf-8")
-        self._events.writelines(self._lines)
-        for name, text in self._kept.items():
-            write_text(self.part / name, text)
-
-    def row(self, values: tuple[Any, ...]) -> None:
-        """One row, in the order of the columns; nan becomes an empty field."""
-        self.rows.append(values)
-        with naming(self.part / "record.csv"):
-            self._record.write(_csv_line(self.rows[-1]))
-
-    def flush(self) -> None:
-        self._write_again_if_deleted()
-        with naming(self.part / "record.csv"):
-            self._record.flush()
-        with naming(self.part / "events.jsonl"):
-            self._events.flush()
-
-    def event(self, time_s: float, kind: str, text: str, **more: Any) -> None:
-        """Something that happened, at a time of the run."""
-        if kind == "phase":
-            self.begun_s[text] = time_s
-        self._lines.append(json.dumps({"time_s": time_s, "event": kind, "text": text, **more}) + "\n")
-        self._events.write(self._lines[-1])
-
-    def column(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
-        """A column of the rows so far."""
-        return self.rows.column(self.columns.index(name))
-
-    def note(self, **more: Any) -> None:
-        """Add to the start of the document what is known only later (instruments, models, design)."""
-        self.document["start"].update(more)
-        self._write_document()
-
-    def result(self, **more: Any) -> None:
-        """What came out of the run: scores, designs."""
-        self.document.setdefault("result", {}).update(more)
-        self._write_document()
-
-    def keep(self, name: str, text: str) -> None:
-        """A file that the run depends on, so that the folder stands alone."""
-        write_text(self.part / name, text)
-        self._kept[name] = text
-
-    def stop(self, reason: str, **more: Any) -> None:
-        """Why the run ended, and its results; all rows and the document are on disk after this."""
-        self.document["stop"] = {
-            "at": datetime.datetime.now(datetime.UTC).isoformat(),
-            "reason": reason,
-            "rows": len(self.rows),
-            **more,
-        }
-        self._write_again_if_deleted()
-        self._write_document()
-        self.flush()
-
-    def finish(self) -> Path:
-        """Close the files, write record.nc, and give the folder its name."""
-        self.abandon()
-        write_netcdf(self.part / "record.nc", self.columns, self.rows)
-        if self.path.exists():
-            self.path.rmdir()
-        self.part.rename(self.path)
-        return self.path
-
-    def abandon(self) -> None:
-        """Close the files, of a run that stays a .part too; a full disk that refuses the rows leaves none open."""
-        try:
-            with naming(self.part / "record.csv"):
-                self._record.close()
-        finally:
-            with naming(self.part / "events.jsonl"):
-                self._events.close()
-
-    def _write_again_if_deleted(self) -> None:
-        """All that was in the folder is known still."""
-        if os.fstat(self._record.fileno()).st_nlink > 0:
-            return
-        with suppress(OSError):
-            self._record.close()
-        with suppress(OSError):
-            self._events.close()
-        self.part.mkdir(parents=True, exist_ok=True)
-        self._open()
-        self._write_document()
-        self.event(self.rows[-1][0] if self.rows else 0.0, "deleted", "the run's folder was deleted, and written again")
-
-    def _write_document(self) -> None:
-        with replaced(self.part / "run.json") as new:
-            new.write_text(json.dumps(_plain(self.document), indent=2) + "\n", encoding="utf-8")
-
-
-def _csv_line(values: tuple[Any, ...]) -> str:
-    """A row; nan becomes an empty field."""
-    return ",".join(["" if v != v else str(v) for v in values]) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    """The value as JSON knows it: not-a-number and infinity become null and text."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, (np.floating, np.integer, np.bool_)):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else ("inf" if value > 0 else "-inf")
-    if isinstance(value, Path):
-        return str(value)
-    return value
-
-
-def plain_json(value: Any) -> str:
-    """The value as JSON text; numbers read back to the same bits."""
-    return json.dumps(_plain(value), indent=2)
-
-
-def write_netcdf(path: Path, columns: list[str], rows: PackedRows) -> None:
-    """The columns as NetCDF-3, which xarray, MATLAB and Origin open; the unit is the name's ending.
-
-    A column of words becomes numbers with the CF attributes flag_values and flag_meanings.
-    """
-    from scipy.io import netcdf_file
-
-    with netcdf_file(path, "w") as file:
-        setattr(file, "history", b"peltier-rig")  # noqa: B010 - an attribute of the file, not of the class
-        axis = columns[0]  # the time: its own coordinate
-        file.createDimension(axis, len(rows))
-        for k, name in enumerate(columns):
-            words = rows.words(k)
-            if words is not None:
-                flags = file.createVariable(name, "i4", (axis,))
-                flags[:] = rows.numbers(k).astype(np.int32)
-                setattr(flags, "flag_values", np.arange(len(words), dtype=np.int32))  # noqa: B010
-                setattr(flags, "flag_meanings", " ".join(words).encode())  # noqa: B010
-                continue
-            variable = file.createVariable(name, "f8", (axis,))
-            variable[:] = rows.numbers(k)
-            setattr(variable, "units", name.rpartition("_")[2].encode())  # noqa: B010
-
-
-BLOCK = 4096  # rows that are made room for at a time: half a megabyte, and no row has to move when there are more
-
-
 class PackedRows:
-    """Rows of `width` values, as tuples; can be appended to, counted, iterated and taken by number."""
+    """Rows of `width` values as tuples, eight bytes a value: a week at 10 Hz has six million rows.
+
+    The first row gives the kind of each column: words (each kept once), whole numbers, or numbers. Values come out as
+    they went in: a number has the same bits, and so the same text.
+    """
 
     def __init__(self, width: int) -> None:
         self._width = width
         self._count = 0
-        self._blocks: list[np.ndarray[Any, np.dtype[np.float64]]] = []
+        self._blocks: list[Array] = []
         self._whole: set[int] = set()  # columns of whole numbers
-        self._words: dict[int, dict[str, int]] = {}  # of each column of words, with their numbers in the blocks
+        self._words: dict[int, dict[str, int]] = {}  # words of a column, with their numbers in the blocks
 
     def __len__(self) -> int:
         return self._count
@@ -295,18 +121,18 @@ class PackedRows:
     def __iter__(self) -> Iterator[tuple[Any, ...]]:
         left = self._count
         for block in self._blocks:
-            yield from map(self._row, block[:left].tolist())
+            yield from map(self._unpack, block[:left].tolist())
             left -= BLOCK
 
     def __getitem__(self, index: int) -> tuple[Any, ...]:
-        """The row of that number, or counted from the end. IndexError."""
+        """Return a row by its number, or counted from the end. Raises IndexError."""
         at = index + self._count if index < 0 else index
         if not 0 <= at < self._count:
             raise IndexError(index)
-        return self._row(self._blocks[at // BLOCK][at % BLOCK].tolist())
+        return self._unpack(self._blocks[at // BLOCK][at % BLOCK].tolist())
 
     def append(self, values: Sequence[Any]) -> None:
-        """One row more. ValueError where it is not as wide as the others."""
+        """Add a row. Raises ValueError if it has another number of values."""
         if len(values) != self._width:
             raise ValueError(f"a row of {len(values)} values, expected {self._width}")
         if not self._count:
@@ -319,26 +145,26 @@ class PackedRows:
         if block == len(self._blocks):
             self._blocks.append(np.empty((BLOCK, self._width)))
         self._blocks[block][row] = packed
-        self._count += 1  # last: a signal's exception in between leaves no half row
+        self._count += 1  # last: the exception of a signal leaves no half row
 
-    def numbers(self, k: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """A column; of words the number of each in `words`."""
+    def numbers(self, k: int) -> Array:
+        """Return a column as numbers; of words their indices in `words`."""
         if not self._count:
             return np.empty(0)
         return np.concatenate([block[:, k] for block in self._blocks])[: self._count]
 
     def words(self, k: int) -> list[str] | None:
-        """The words of a column by their numbers, in the order in which they came; None of a column of numbers."""
+        """Return the words of a column by their indices; None for a column of numbers."""
         return list(self._words[k]) if k in self._words else None
 
     def column(self, k: int) -> np.ndarray[Any, np.dtype[Any]]:
-        """A column as an array of its own kind."""
+        """Return a column as an array of its kind."""
         numbers, words = self.numbers(k), self.words(k)
         if words is not None:
             return np.take(np.array(words), numbers.astype(np.intp))
         return numbers.astype(np.int64) if k in self._whole and np.all(numbers % 1.0 == 0.0) else numbers
 
-    def _row(self, packed: list[Any]) -> tuple[Any, ...]:
+    def _unpack(self, packed: list[Any]) -> tuple[Any, ...]:
         for k in self._whole:
             if packed[k].is_integer():
                 packed[k] = int(packed[k])
@@ -347,12 +173,166 @@ class PackedRows:
         return tuple(packed)
 
 
-FORMAT = "peltier-run/1"
+class RunFolder:
+    """Writer of one run folder; `flush` brings rows to the file, `finish` completes the folder.
+
+    A folder that is deleted meanwhile is written again at the next flush, from the rows in memory: a file that has been
+    deleted would accept rows without an error.
+
+    begun_s: begin of each phase, s of the run.
+    """
+
+    def __init__(self, path: Path, start: dict[str, Any], configuration_text: str, columns: list[str]) -> None:
+        self.path = path
+        self.part = part_of(path)
+        self.part.mkdir(parents=True, exist_ok=True)
+        self.columns = columns
+        self.rows = PackedRows(len(columns))
+        self.begun_s: dict[str, float] = {}
+        self._kept = {"config.toml": configuration_text}  # texts by the names of their files
+        self._event_lines: list[str] = []
+        self._open()
+        start = {"at": datetime.datetime.now(datetime.UTC).isoformat(), "versions": software_versions(), **start}
+        self.document: dict[str, Any] = {"format": FORMAT, "start": start}
+        self._write_document()
+
+    def _open(self) -> None:
+        """Open the files and write all that is known."""
+        self._record: TextIO = (self.part / "record.csv").open("w", encoding="utf-8", newline="")
+        self._record.write(",".join(self.columns) + "\n")
+        self._record.writelines(map(_csv_line, self.rows))
+        self._events: TextIO = (self.part / "events.jsonl").open("w", encoding="utf-8")
+        self._events.writelines(self._event_lines)
+        for name, text in self._kept.items():
+            write_text(self.part / name, text)
+
+    def row(self, values: tuple[Any, ...]) -> None:
+        """Add a row, in the order of the columns; nan becomes an empty field."""
+        self.rows.append(values)
+        with naming_file(self.part / "record.csv"):
+            self._record.write(_csv_line(self.rows[-1]))
+
+    def flush(self) -> None:
+        """Bring all rows and events to the files."""
+        self._rewrite_if_deleted()
+        for file, name in ((self._record, "record.csv"), (self._events, "events.jsonl")):
+            with naming_file(self.part / name):
+                file.flush()
+
+    def event(self, time_s: float, kind: str, text: str, **more: Any) -> None:
+        """Add an event at a time of the run."""
+        if kind == "phase":
+            self.begun_s[text] = time_s
+        self._event_lines.append(json.dumps({"time_s": time_s, "event": kind, "text": text, **more}) + "\n")
+        self._events.write(self._event_lines[-1])
+
+    def column(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
+        """Return a column of the rows so far."""
+        return self.rows.column(self.columns.index(name))
+
+    def note(self, **more: Any) -> None:
+        """Add what is known later (instruments, models, design) to the start of run.json."""
+        self.document["start"].update(more)
+        self._write_document()
+
+    def result(self, **more: Any) -> None:
+        """Add results (scores, designs) to run.json."""
+        self.document.setdefault("result", {}).update(more)
+        self._write_document()
+
+    def keep(self, name: str, text: str) -> None:
+        """Write a file that the run depends on, so that the folder is complete without others."""
+        write_text(self.part / name, text)
+        self._kept[name] = text
+
+    def stop(self, reason: str, **more: Any) -> None:
+        """Write why the run ended; then all rows and run.json are on disk."""
+        at = datetime.datetime.now(datetime.UTC).isoformat()
+        self.document["stop"] = {"at": at, "reason": reason, "rows": len(self.rows), **more}
+        self._rewrite_if_deleted()
+        self._write_document()
+        self.flush()
+
+    def finish(self) -> Path:
+        """Close the files, write record.nc, rename the folder, and return its path."""
+        self.abandon()
+        write_netcdf(self.part / "record.nc", self.columns, self.rows)
+        if self.path.exists():
+            self.path.rmdir()
+        self.part.rename(self.path)
+        return self.path
+
+    def abandon(self) -> None:
+        """Close both files, even if the disk is full; the folder stays a .part."""
+        try:
+            with naming_file(self.part / "record.csv"):
+                self._record.close()
+        finally:
+            with naming_file(self.part / "events.jsonl"):
+                self._events.close()
+
+    def _rewrite_if_deleted(self) -> None:
+        if os.fstat(self._record.fileno()).st_nlink > 0:
+            return
+        for file in (self._record, self._events):
+            with suppress(OSError):
+                file.close()
+        self.part.mkdir(parents=True, exist_ok=True)
+        self._open()
+        self._write_document()
+        self.event(self.rows[-1][0] if self.rows else 0.0, "deleted", "the run's folder was deleted, and written again")
+
+    def _write_document(self) -> None:
+        with replacing(self.part / "run.json") as new:
+            new.write_text(plain_json(self.document) + "\n", encoding="utf-8")
+
+
+def _csv_line(values: tuple[Any, ...]) -> str:
+    return ",".join(["" if v != v else str(v) for v in values]) + "\n"
+
+
+def plain_json(value: Any) -> str:
+    """Return a value as JSON text; numbers read back to the same bits, nan is null, infinities are "inf", "-inf"."""
+    return json.dumps(_plain(value), indent=2)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, (np.ndarray, np.floating, np.integer, np.bool_)):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else ("inf" if value > 0 else "-inf")
+    return str(value) if isinstance(value, Path) else value
+
+
+def write_netcdf(path: Path, columns: list[str], rows: PackedRows) -> None:
+    """Write columns as NetCDF-3, which xarray, MATLAB and Origin open; the unit is the ending of the name.
+
+    Words become numbers with the CF attributes flag_values and flag_meanings.
+    """
+    from scipy.io import netcdf_file
+
+    with netcdf_file(path, "w") as file:
+        setattr(file, "history", b"peltier-rig")  # noqa: B010 - an attribute of the file, not of the class
+        axis = columns[0]  # the time is its own coordinate
+        file.createDimension(axis, len(rows))
+        for k, name in enumerate(columns):
+            words = rows.words(k)
+            variable = file.createVariable(name, "f8" if words is None else "i4", (axis,))
+            variable[:] = rows.numbers(k) if words is None else rows.numbers(k).astype(np.int32)
+            if words is None:
+                setattr(variable, "units", name.rpartition("_")[2].encode())  # noqa: B010
+            else:
+                setattr(variable, "flag_values", np.arange(len(words), dtype=np.int32))  # noqa: B010
+                setattr(variable, "flag_meanings", " ".join(words).encode())  # noqa: B010
 
 
 @dataclass(frozen=True)
-class RunInFolder:
-    """A run. at: when it began, UTC; rig: its controller, with the serial number where it has one."""
+class FinishedRun:
+    """A run that came to its end; at: its begin, UTC; rig: its controller, with the serial number if it has one."""
 
     folder: Path
     at: datetime.datetime
@@ -360,25 +340,23 @@ class RunInFolder:
 
     @property
     def record(self) -> Path:
-        """Its rows."""
+        """The file of its rows."""
         return self.folder / "record.csv"
 
 
-def runs_in(folder: Path) -> list[RunInFolder]:
-    """The runs that have come to their end; those that a run has inside it (its calibration) too. Raises Faults."""
+def find_runs(folder: Path) -> list[FinishedRun]:
+    """Return the runs below a folder that came to their end, in the order of time; runs inside another (its
+    calibration) too. Raises Faults if there are none."""
     if not folder.is_dir():
         raise fault(folder, "", "no such folder; expected one with run folders in it")
-    found = []
-    for path in sorted(folder.rglob("run.json")):
-        run = _run(path)
-        if run is not None and not any(part.endswith(".part") for part in path.parts):
-            found.append(run)
+    paths = [path for path in folder.rglob("run.json") if not any(part.endswith(".part") for part in path.parts)]
+    found = [run for path in paths if (run := _finished_run(path)) is not None]
     if not found:
         raise fault(folder, "", "no run folder in it that came to its end; expected some with run.json and record.csv")
     return sorted(found, key=lambda run: (run.at, str(run.folder)))
 
 
-def _run(path: Path) -> RunInFolder | None:
+def _finished_run(path: Path) -> FinishedRun | None:
     try:
         document: Any = json.loads(path.read_bytes())
         start = document["start"]
@@ -388,7 +366,6 @@ def _run(path: Path) -> RunInFolder | None:
         controller = dict(start["instruments"]["controller"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    if at.tzinfo is None:
-        at = at.replace(tzinfo=datetime.UTC)
+    at = (at if at.tzinfo is not None else at.replace(tzinfo=datetime.UTC)).astimezone(datetime.UTC)
     words = [str(controller.get(key) or "") for key in ("maker", "model", "serial_number")]
-    return RunInFolder(path.parent, at.astimezone(datetime.UTC), " ".join(word for word in words if word))
+    return FinishedRun(path.parent, at, " ".join(word for word in words if word))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.config.configuration import ConfigurationFile
-from rig.config.effect_tables import add_effect_files, effect_in_words, switched_effects
+from rig.config.effect_tables import add_effect_files, parse_effect, switch_effects
 from rig.config.tables import SweepTable
 from rig.core.faults import Faults, fault
 from rig.rehearsal.simulated import simulated_configuration, table_in
@@ -69,7 +69,7 @@ def _varied(path: Path, raw: dict[str, Any], point: Point) -> tuple[dict[str, An
         for name in tables:
             inner = table_in(inner, name)
         inner[last] = value
-    return raw, [effect_in_words(text) for text in point.effects], point.seed
+    return raw, [parse_effect(text) for text in point.effects], point.seed
 
 
 def check_points(path: Path, raw: dict[str, Any], points: list[Point]) -> None:
@@ -86,7 +86,7 @@ def check_points(path: Path, raw: dict[str, Any], points: list[Point]) -> None:
             continue
         seen.update(fresh)
         varied, tables, seed = _varied(path, raw, point)
-        lines = switched_effects(tables, f"{path}: sweep.effects", complete=False)[1]
+        lines = switch_effects(tables, f"{path}: sweep.effects", complete=False)[1]
         if lines:
             raise Faults(lines)
         simulated_configuration(path, varied, tables, seed)

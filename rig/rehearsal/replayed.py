@@ -27,7 +27,7 @@ from rig.experiment.repeated import USED, read_correction
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.experiment.wanted import TRACKING, quantity_of
 from rig.records.record_file import Record, read_record
-from rig.records.run_folder import versions
+from rig.records.run_folder import software_versions
 from rig.rehearsal.simulated import simulated_configuration, table_in
 from rig.safety.plate_watch import watchable_rate_K_per_s
 
@@ -210,7 +210,7 @@ def _other_versions(path: Path) -> dict[str, tuple[str, str]]:
         then = dict(parsed_json(read_text(path))["start"]["versions"])
     except (ValueError, TypeError, KeyError, IndexError) as error:
         raise fault(path, "start.versions", f"expected the versions that made the run ({error})") from None
-    now, unknown = versions(), "not recorded"
+    now, unknown = software_versions(), "not recorded"
     return {name: (str(then.get(name, unknown)), now[name]) for name in MADE_BY if then.get(name) != now[name]}
 
 

@@ -13,7 +13,7 @@ from rig.many.computed import compute_missing
 from rig.many.engine import Engine, EngineChoice
 from rig.many.journal import Journal
 from rig.records.record_file import read_record
-from rig.records.run_folder import RunInFolder
+from rig.records.run_folder import FinishedRun
 from rig.rehearsal.swept import in_a_line, of_record
 
 Row = dict[str, Any]
@@ -21,14 +21,14 @@ DIGITS = 12  # of a digest in hexadecimal: 48 bits, which a double holds exactly
 
 
 def diagnose_runs(
-    runs: Sequence[RunInFolder],
+    runs: Sequence[FinishedRun],
     folder: Path,
     out: Path,
     choice: EngineChoice,
     tell: Callable[[int, int, Row], None],
 ) -> list[Row]:
     """A row a run, in the order of their times: run, at, rig, and what the diagnosis says. Raises Faults."""
-    numbered: dict[int, RunInFolder] = {}
+    numbered: dict[int, FinishedRun] = {}
     for run in runs:
         number = int(hashlib.sha256(run.record.read_bytes() + run.at.isoformat().encode()).hexdigest()[:DIGITS], 16)
         numbered.setdefault(number, run)
@@ -48,6 +48,6 @@ def diagnose_runs(
     return sorted(journal.rows(), key=lambda row: str(row["at"]))
 
 
-def _identity(number: int, run: RunInFolder, folder: Path) -> Row:
+def _identity(number: int, run: FinishedRun, folder: Path) -> Row:
     name = run.folder.relative_to(folder).as_posix() if run.folder != folder else run.folder.name
     return {"number": number, "run": name, "at": run.at.isoformat(timespec="seconds"), "rig": run.rig}

@@ -17,7 +17,7 @@ from compensator.hysteresis.functions import Array
 from rig.analysis.score import largest, profile_error, rms, tracked, tracking_error
 from rig.bench.simulation import simulated_world
 from rig.config.configuration import ConfigurationFile, configuration_of
-from rig.config.effect_tables import add_effect_files, effect_in_words, switched_effects
+from rig.config.effect_tables import add_effect_files, parse_effect, switch_effects
 from rig.config.toml_file import read_text, read_toml
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Tripped
@@ -71,12 +71,12 @@ def read_effects(effects: Iterable[str], effect_files: Iterable[Path]) -> list[d
     tables, lines = [], []
     for text in effects:
         try:
-            table = effect_in_words(text)
+            table = parse_effect(text)
         except Faults as faults:
             lines += faults.lines
             continue
         tables.append(table)
-        lines += [line.replace("[0]", "", 1) for line in switched_effects([table], "--effect", complete=False)[1]]
+        lines += [line.replace("[0]", "", 1) for line in switch_effects([table], "--effect", complete=False)[1]]
     if lines:
         raise Faults(lines)
     return tables

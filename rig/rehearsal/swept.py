@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.config.configuration_text import contents_named
-from rig.config.schema import checked
-from rig.config.tables import SweepFile, SweepTable, What
+from rig.config.configuration_text import digest_named_files
+from rig.config.schema import validate
+from rig.config.tables import SweepFile, SweepTable, SweepTask
 from rig.config.toml_file import read_toml
 from rig.core.errors import RigError
 from rig.core.faults import Faults, fault
@@ -52,11 +52,11 @@ class Sweep:
                 for n, record in enumerate(self.records)
             }
         rest = {name: table for name, table in self.raw.items() if name != "sweep"}
-        named = contents_named(rest, folder)
+        named = digest_named_files(rest, folder)
         return {
             point.number: {
                 **point.identity(),
-                "of": _digest(self.raw, {**named, **contents_named(point.parameters, folder)}),
+                "of": _digest(self.raw, {**named, **digest_named_files(point.parameters, folder)}),
             }
             for point in self.points
         }
@@ -67,7 +67,7 @@ def read_sweep(path: Path) -> Sweep:
     raw = read_toml(path)
     if "sweep" not in raw:
         raise fault(path, "sweep", "missing; expected a table [sweep] with seeds, effects, parameters")
-    table = checked(SweepFile, {"sweep": raw["sweep"]}, path).sweep
+    table = validate(SweepFile, {"sweep": raw["sweep"]}, path).sweep
     if table.records:
         return Sweep(path, raw, table, [], _records(path, table.records))
     points = list(points_of(table))
@@ -125,7 +125,7 @@ def sweep(
     return journal.rows()
 
 
-def of_point(what: What, path: Path, raw: Any, point: Point, records: Path | None) -> Values:
+def of_point(what: SweepTask, path: Path, raw: Any, point: Point, records: Path | None) -> Values:
     """In a worker: one simulated experiment, and what is made of it; what goes wrong is a row too."""
     try:
         simulated = simulate(configuration_at(path, given(raw), point), lambda text: None, None)
@@ -144,12 +144,12 @@ def of_point(what: What, path: Path, raw: Any, point: Point, records: Path | Non
     return {**row, **_made_of(what, Record(columns, source=f"case {point.number}"))}
 
 
-def of_record(what: What, record: Any) -> Values:
+def of_record(what: SweepTask, record: Any) -> Values:
     """In a worker: what is made of one record."""
     return {"status": "done", **_made_of(what, given(record))}
 
 
-def _made_of(what: What, record: Record) -> Values:
+def _made_of(what: SweepTask, record: Record) -> Values:
     from rig.analysis.one_row import of_diagnosis, of_identification
 
     try:

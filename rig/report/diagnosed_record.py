@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from rig.analysis.diagnosed import diagnosed, model_of
-from rig.analysis.earlier_records import film_records_before, told_by
+from rig.analysis.earlier_records import earlier_film_records, told_by
 from rig.analysis.one_row import of_diagnosis
 from rig.analysis.tried import best_tried
-from rig.config.effect_tables import add_effect_files, assumed_effects
+from rig.config.effect_tables import add_effect_files, parse_assumed_effects
 from rig.config.model_file import Model, write_model
 from rig.core.faults import Faults
 from rig.many.engine import given
@@ -67,7 +67,7 @@ def told(
     say: progress."""
     _know(asked.effect_files)
     one: Record = given(record)
-    before = film_records_before(one.source, say)
+    before = earlier_film_records(one.source, say)
     try:
         diagnosis, extended = diagnosed(
             one,
@@ -75,7 +75,7 @@ def told(
             asked.output,
             [given(other) for other in holdout],
             asked.plate,
-            assumed_effects(asked.assume),
+            parse_assumed_effects(asked.assume),
             asked.budget_s,
             further,
             asked.false_alarm,

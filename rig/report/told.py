@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rig.core.file_writing import naming
+from rig.core.file_writing import naming_file
 
 MODEL = "model.toml"
 CANDIDATE = "candidate.toml"  # the model with what was found and is not named, to be tried
@@ -26,7 +26,7 @@ class Told:
         for name, content in self.files.items():
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            with naming(path):
+            with naming_file(path):
                 path.write_bytes(content)
 
 

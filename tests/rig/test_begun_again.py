@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.config.configuration_text import contents_named
+from rig.config.configuration_text import digest_named_files
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
 from rig.many.journal import Journal
@@ -49,10 +49,10 @@ def test_files_are_found_where_they_are_named(tmp_path: Path) -> None:
     (tmp_path / "models" / "shape.py").write_text("a = 1\n")
     (tmp_path / "a.csv").write_text("1\n")
     tables = {"experiment": {"model": "models/film.toml", "target": ["start 1 A", "a.csv"]}, "n": 3}
-    before = contents_named(tables, tmp_path)
+    before = digest_named_files(tables, tmp_path)
     assert [name.split()[-1] for name in before] == ["models/film.toml", "shape.py", "a.csv"]
     (tmp_path / "models" / "shape.py").write_text("a = 2\n")
-    after = contents_named(tables, tmp_path)
+    after = digest_named_files(tables, tmp_path)
     assert [name for name in before if before[name] != after[name]] == [" models/film.toml shape.py"]
 
 

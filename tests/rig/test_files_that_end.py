@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rig.core.faults import Faults
-from rig.core.file_writing import naming, write_text
+from rig.core.file_writing import naming_file, write_text
 from rig.records.record_file import read_record, write_columns
 from tests.rig.small import MODEL, no_file_above
 
@@ -55,7 +55,7 @@ def test_a_full_disk_names_its_file(tmp_path: Path) -> None:
         write_text(FULL, "x" * 100_000)
     with pytest.raises(OSError, match=r"No space left on device: '/dev/full'"):
         write_columns(FULL, {"note": ["x" * 100] * 1000})
-    with pytest.raises(FileNotFoundError, match="other"), naming(tmp_path):
+    with pytest.raises(FileNotFoundError, match="other"), naming_file(tmp_path):
         (tmp_path / "other").read_text()
 
 

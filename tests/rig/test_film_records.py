@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.film import IDENTITY, FilmModel, Memoryless
-from rig.analysis.earlier_records import film_records_before
+from rig.analysis.earlier_records import earlier_film_records
 from rig.config.model_file import Model, read_model, write_model
 from rig.records.record_file import write_columns
-from rig.records.run_folder import at_its_end
+from rig.records.run_folder import final_path
 
 FILM = FilmModel(np.array([1.0]), np.array([0.1]), IDENTITY, IDENTITY, Memoryless("none"), "classical_pi")
 
@@ -30,7 +30,7 @@ def run(tmp_path: Path) -> Path:
 
 def test_those_that_can_be_read_are_taken_and_the_others_told(run: Path) -> None:
     said: list[str] = []
-    found = film_records_before(str(run), said.append)
+    found = earlier_film_records(str(run), said.append)
     assert [record.source for record in found] == [str(run.parent.parent / "cal" / "record.csv")]
     assert len(said) == 2
     assert "cal/record.csv" in said[0]
@@ -39,13 +39,13 @@ def test_those_that_can_be_read_are_taken_and_the_others_told(run: Path) -> None
 
 def test_a_record_that_is_of_no_run_has_none(run: Path) -> None:
     (run.parent / "run.json").unlink()
-    assert film_records_before(str(run)) == []
+    assert earlier_film_records(str(run)) == []
 
 
 def test_a_model_that_cannot_be_read_is_told(run: Path) -> None:
     (run.parent / "model.toml").write_text("film = 1\n")
     said: list[str] = []
-    assert film_records_before(str(run), said.append) == []
+    assert earlier_film_records(str(run), said.append) == []
     assert "model.toml" in said[0]
 
 
@@ -56,4 +56,4 @@ def test_a_model_file_keeps_them(run: Path) -> None:
 
 def test_a_calibration_inside_a_run_is_named_as_it_will_be_called(tmp_path: Path) -> None:
     inside = tmp_path / "run.part" / "calibration" / "record.csv"
-    assert at_its_end(inside) == tmp_path / "run" / "calibration" / "record.csv"
+    assert final_path(inside) == tmp_path / "run" / "calibration" / "record.csv"

@@ -15,7 +15,7 @@ import pytest
 from rig.__main__ import main
 from rig.analysis.gained import Followed, gained, news
 from rig.config.configuration import read_configuration
-from rig.config.configuration_text import extended_configuration
+from rig.config.configuration_text import configuration_with_model
 from rig.config.model_file import read_model
 from rig.config.toml_file import read_toml
 from rig.report.told import Told, files_in
@@ -316,7 +316,7 @@ def test_an_effect_at_the_size_that_the_model_has_is_no_news() -> None:
 def test_a_configuration_that_moves_names_its_files_whole(tmp_path: Path) -> None:
     config = write_bench(tmp_path, target='"target.csv"', more='[serve]\ntoken = "a secret of the daemon"\n')
     (tmp_path / "target.csv").write_text("time_s,target_ohm\n0,20000\n10,5000\n")
-    text = extended_configuration(config, tmp_path / "there" / "model.toml")
+    text = configuration_with_model(config, tmp_path / "there" / "model.toml")
     assert "secret" not in text
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "model.toml").write_text((tmp_path / "model.toml").read_text())

@@ -15,7 +15,7 @@ from rig.bench.assembly import emulated_instruments
 from rig.command.progress import Progress
 from rig.config.configuration import read_configuration
 from rig.config.model_file import read_model
-from rig.config.target import target_in_words
+from rig.config.target import parse_profile
 from rig.control.decision import Decision
 from rig.control.tick import Tick
 from rig.core.reading import Reading
@@ -158,7 +158,7 @@ def test_a_sentence_that_cannot_be_read_is_told_with_what_would_be(
 def test_what_would_be_read_is_read() -> None:
     words = ["start 80 kohm", "hold 20 s", "ramp to 80 kohm at 0.1 dec/s", "ramp to 80 kohm in 30 s"]
     words += ["step to 80 kohm", "sine 0.4 dec period 40 s for 80 s"]
-    assert target_in_words(words, "resistance", "a test").duration_s == pytest.approx(130.0, abs=0.1)
+    assert parse_profile(words, "resistance", "a test").duration_s == pytest.approx(130.0, abs=0.1)
 
 
 def test_only_the_experiment_needs_its_target_and_its_model(peltier: Peltier, tmp_path: Path) -> None:
@@ -274,7 +274,7 @@ def test_the_time_to_go_follows_the_phases_as_they_are() -> None:
 def test_what_is_expected_is_about_what_it_takes(tmp_path: Path) -> None:
     file = read_configuration(write_bench(tmp_path))
     model = read_model(tmp_path / "model.toml")
-    target = target_in_words(["start 20 kohm", "hold 50 s"], "resistance", "a test")
+    target = parse_profile(["start 20 kohm", "hold 50 s"], "resistance", "a test")
     phases = expected_run(file.content, target, model)
     assert [name for name, _ in phases] == ["polarity", "condition", "approach", "settle", "track"]
     assert phases[-1] == ("track", 50.0)

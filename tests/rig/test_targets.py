@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.config.target import read_target, target_in_words
+from rig.config.target import parse_profile, read_target
 from rig.core.faults import Faults
 from tests.rig.small import MODEL
 
@@ -19,28 +19,28 @@ WHERE = "rig.toml: experiment.target"
     "value", ["50 kohm", "50 kOhm", "50kΩ", "50 kΩ", "50000", "50000 ohm", "0.05 MOhm", "5e4", "20 µS"]
 )
 def test_resistances_as_people_write_them(value: str) -> None:
-    target = target_in_words([f"start {value}", "hold 1 s"], "resistance", WHERE)
+    target = parse_profile([f"start {value}", "hold 1 s"], "resistance", WHERE)
     np.testing.assert_allclose(target.values, -np.log10(5e4), rtol=1e-15)
 
 
 @pytest.mark.parametrize("rate", ["0.1 dec/s", "0.1 decades/s", "0.1 decade/s", "6 dec/min", "0.1 decades per second"])
 def test_rates_as_people_write_them(rate: str) -> None:
-    target = target_in_words(["start 50 kOhm", f"ramp to 5 kohm at {rate}"], "resistance", WHERE)
+    target = parse_profile(["start 50 kOhm", f"ramp to 5 kohm at {rate}"], "resistance", WHERE)
     assert target.duration_s == pytest.approx(10.0)
 
 
 def test_temperatures_and_currents_as_people_write_them() -> None:
-    target = target_in_words(["start 313.15 K", "ramp to 60 °C at 2 K/min", "Hold 1 min"], "temperature", WHERE)
+    target = parse_profile(["start 313.15 K", "ramp to 60 °C at 2 K/min", "Hold 1 min"], "temperature", WHERE)
     np.testing.assert_allclose(target.values, [40.0, 60.0, 60.0])
     np.testing.assert_allclose(target.times_s, [0.0, 600.0, 660.0])
-    target = target_in_words(["start 0", "step to 500 mA", "ramp to 1 in 2 s"], "current", WHERE)
+    target = parse_profile(["start 0", "step to 500 mA", "ramp to 1 in 2 s"], "current", WHERE)
     np.testing.assert_allclose(target.values, [0.0, 0.5, 1.0])
 
 
 def test_every_sentence_that_cannot_be_read_is_told_by_itself() -> None:
     words = ["start 80 kfoo", "hold 20 s", "ramp to 5 kohm at 0,1 dec/s", "rmap to 5 kohm", "step to 3 K"]
     with pytest.raises(Faults) as found:
-        target_in_words(words, "resistance", WHERE)
+        parse_profile(words, "resistance", WHERE)
     lines = found.value.lines
     assert [line.partition(": ")[2].partition(": ")[0].removeprefix("experiment.target") for line in lines] == [
         "[0]", "[2]", "[3]", "[4]",
@@ -71,7 +71,7 @@ def test_every_sentence_that_cannot_be_read_is_told_by_itself() -> None:
 )
 def test_sentences_that_make_no_course(words: list[str], expected: str) -> None:
     with pytest.raises(Faults) as found:
-        target_in_words(words, "resistance", WHERE)
+        parse_profile(words, "resistance", WHERE)
     assert len(found.value.lines) == 1
     assert expected in found.value.lines[0]
     assert len(found.value.lines[0]) < 300

@@ -15,7 +15,7 @@ from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
 from rig.analysis.predicted import predicted
-from rig.config.effect_tables import middle
+from rig.config.effect_tables import typical_value
 from rig.config.model_file import Model
 from rig.records.record import Record as RecordFile
 from sim.diagnosis.data.noise_model import NoiseModel
@@ -68,7 +68,7 @@ SIZES = {  # away from thresholds, and multiples of the rows' distance
 def on(effect: Effect) -> Switched:
     """An effect at the middle of the sizes met, or as in `SIZES`."""
     sizes = SIZES.get(effect.name, {})
-    return switched(effect, {p.name: sizes.get(p.name, middle(p)) for p in effect.parameters})
+    return switched(effect, {p.name: sizes.get(p.name, typical_value(p)) for p in effect.parameters})
 
 
 def differences(effects: tuple[Switched, ...]) -> dict[str, tuple[float, float]]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.thermal.plate import PlateModel
-from rig.config.effect_tables import middle
+from rig.config.effect_tables import typical_value
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, switched
 from sim.world.world import World
@@ -27,7 +27,7 @@ TEST_CURRENT_A = 3e-4
 def on(name: str, **values: float) -> Switched:
     """An effect; what is not given takes the middle of the sizes met."""
     effect = catalogue()[name]
-    return switched(effect, {p.name: values.get(p.name, middle(p)) for p in effect.parameters})
+    return switched(effect, {p.name: values.get(p.name, typical_value(p)) for p in effect.parameters})
 
 
 def world(*effects: Switched) -> World:
