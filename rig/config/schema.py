@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -73,47 +73,31 @@ def validate(schema: type[T], content: dict[str, Any], path: Path) -> T:
         raise Faults(_line(schema, path, *item) for item in _faults(content, error.errors())) from None
 
 
-def _faults(content: dict[str, Any], errors: Sequence[Any]) -> list[tuple[list[str], Any]]:
-    """Return place and error of each fault. Of a value that may have several kinds pydantic gives an error for each
-    kind: they become one, or, if a kind fits but for something inside it, the errors there."""
-    faults: list[tuple[list[str], Any]] = []
-    choices: dict[tuple[str, ...], list[tuple[str, list[str], Any]]] = {}
+def _faults(content: dict[str, Any], errors: Sequence[Any]) -> Iterator[tuple[list[str], Any]]:
+    """Yield place and error of each fault. For a value that may have several kinds pydantic gives an error for each
+    kind: they become one, and only the errors inside the value are given if a kind fits but for these."""
+    found: dict[tuple[str, ...], list[Any]] = {}
     for error in errors:
-        place, kinds = _place(content, error)
-        if kinds:
-            at, kind = kinds[0]
-            choices.setdefault(tuple(place[:at]), []).append((kind, place, error))
-        else:
-            faults.append((place, error))
-    for found in choices.values():
-        if len({kind for kind, _, _ in found}) == 1:
-            faults += [(place, error) for _, place, error in found]
-            continue
-        deepest = max(len(place) for _, place, _ in found)
-        alike: dict[tuple[str, ...], list[Any]] = {}
-        for _, place, error in found:
-            if len(place) == deepest:
-                alike.setdefault(tuple(place), []).append(error)
-        for where, same in alike.items():
+        found.setdefault(_place(content, error), []).append(error)
+    for place, same in found.items():
+        if not any(other != place and other[: len(place)] == place for other in found):
             messages = dict.fromkeys(error["msg"].removeprefix("Input should be ") for error in same)
             text = f"Input should be {' or '.join(messages)}" if len(same) > 1 else same[0]["msg"]
-            faults.append((list(where), {**same[0], "msg": text}))
-    return faults
+            yield list(place), {**same[0], "msg": text}
 
 
-def _place(content: Any, error: Any) -> tuple[list[str], list[tuple[int, str]]]:
-    """Return the keys that lead to an error in the file, and the kinds that pydantic tried, each with its depth."""
-    place: list[str] = []
-    kinds: list[tuple[int, str]] = []
+def _place(content: Any, error: Any) -> tuple[str, ...]:
+    """Return the keys that lead to an error in the file, without the kinds that pydantic tried."""
+    place = []
     for k, part in enumerate(error["loc"]):
+        last = k == len(error["loc"]) - 1
         inside = isinstance(content, list) and isinstance(part, int) and part < len(content)
         if inside or (isinstance(content, dict) and part in content):
             content = content[part]
-        elif not (error["type"] == "missing" and k == len(error["loc"]) - 1):
-            kinds.append((len(place), str(part)))
+        elif error["type"] != "missing" or not last:
             continue
         place.append(str(part))
-    return place, kinds
+    return tuple(place)
 
 
 def _line(schema: type[BaseModel], path: Path, place: list[str], error: Any) -> str:

@@ -18,10 +18,12 @@ import math
 import os
 import platform
 import secrets
+from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import metadata
+from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -34,7 +36,6 @@ from rig.version import __version__, source_digest
 
 FORMAT = "peltier-run/1"
 PREDICTED = "predicted.csv"  # in a calibration's folder: its model's prediction of every row
-BLOCK = 4096  # rows whose memory is allocated at a time: half a megabyte, and no row moves when more come
 
 
 def default_folder(name: str, root: Path = Path("runs")) -> Path:
@@ -109,49 +110,38 @@ class PackedRows:
     """
 
     def __init__(self, width: int) -> None:
-        self._width = width
+        self._columns = [array("d") for _ in range(width)]
         self._count = 0
-        self._blocks: list[Array] = []
         self._whole: set[int] = set()  # columns of whole numbers
-        self._words: dict[int, dict[str, int]] = {}  # words of a column, with their numbers in the blocks
+        self._words: dict[int, dict[str, int]] = {}  # words of a column, with the numbers that stand for them
 
     def __len__(self) -> int:
         return self._count
 
     def __iter__(self) -> Iterator[tuple[Any, ...]]:
-        left = self._count
-        for block in self._blocks:
-            yield from map(self._unpack, block[:left].tolist())
-            left -= BLOCK
+        return map(self._unpack, islice(zip(*self._columns, strict=False), self._count))
 
     def __getitem__(self, index: int) -> tuple[Any, ...]:
         """Return a row by its number, or counted from the end. Raises IndexError."""
-        at = index + self._count if index < 0 else index
-        if not 0 <= at < self._count:
-            raise IndexError(index)
-        return self._unpack(self._blocks[at // BLOCK][at % BLOCK].tolist())
+        at = range(self._count)[index]
+        return self._unpack([column[at] for column in self._columns])
 
     def append(self, values: Sequence[Any]) -> None:
         """Add a row. Raises ValueError if it has another number of values."""
-        if len(values) != self._width:
-            raise ValueError(f"a row of {len(values)} values, expected {self._width}")
+        if len(values) != len(self._columns):
+            raise ValueError(f"a row of {len(values)} values, expected {len(self._columns)}")
         if not self._count:
             self._whole = {k for k, value in enumerate(values) if isinstance(value, int)}
             self._words = {k: {} for k, value in enumerate(values) if isinstance(value, str)}
-        packed = list(values)
-        for k, words in self._words.items():
-            packed[k] = words.setdefault(values[k], len(words))
-        block, row = divmod(self._count, BLOCK)
-        if block == len(self._blocks):
-            self._blocks.append(np.empty((BLOCK, self._width)))
-        self._blocks[block][row] = packed
-        self._count += 1  # last: the exception of a signal leaves no half row
+        for k, (column, value) in enumerate(zip(self._columns, values, strict=True)):
+            words = self._words.get(k)
+            del column[self._count :]  # of a row that a signal's exception broke off
+            column.append(value if words is None else words.setdefault(value, len(words)))
+        self._count += 1
 
     def numbers(self, k: int) -> Array:
         """Return a column as numbers; of words their indices in `words`."""
-        if not self._count:
-            return np.empty(0)
-        return np.concatenate([block[:, k] for block in self._blocks])[: self._count]
+        return np.array(self._columns[k][: self._count])
 
     def words(self, k: int) -> list[str] | None:
         """Return the words of a column by their indices; None for a column of numbers."""
@@ -164,13 +154,13 @@ class PackedRows:
             return np.take(np.array(words), numbers.astype(np.intp))
         return numbers.astype(np.int64) if k in self._whole and np.all(numbers % 1.0 == 0.0) else numbers
 
-    def _unpack(self, packed: list[Any]) -> tuple[Any, ...]:
+    def _unpack(self, packed: Sequence[float]) -> tuple[Any, ...]:
+        values: list[Any] = [*packed]
         for k in self._whole:
-            if packed[k].is_integer():
-                packed[k] = int(packed[k])
+            values[k] = int(values[k]) if values[k].is_integer() else values[k]
         for k, words in self._words.items():
-            packed[k] = list(words)[int(packed[k])]
-        return tuple(packed)
+            values[k] = list(words)[int(values[k])]
+        return tuple(values)
 
 
 class RunFolder:

@@ -14,7 +14,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -36,11 +35,9 @@ SEPARATORS = ("\t", ";", ",", "|", "")  # "" is blanks
 HEADER_LINES = 6  # of names, units and comments above the first row
 COMMENT = re.compile(r"\s*(#|%|!|//|;)+\s*")
 COMMENT_SIGNS = ("#", "%", "!")
-COMMENTED_ROW = re.compile(r"[\r\n]\s*[#%!]")
 MOST_CLOSING_LINES = 10  # of words below the rows; more are another table
 FEW_ROWS = 20  # in fewer, a last number that is shorter than all others proves nothing
 SHOWN = 40  # characters of what was left out
-BLOCK_ROWS = 500  # few enough lists at a time that Python's garbage collector does not slow the reading down
 MOST_COLUMNS = 2000
 Fields = list[str] | Array
 
@@ -276,21 +273,14 @@ def _read_rows(
     if _ends_within_a_number(body, layout, text):
         whole, places, notes = _read_rows(lines[:-1], start, layout, header, text + "\n", path)
         return whole, places, [*notes, f"line {len(lines)} left out, it may have been cut off: {body[-1][-SHOWN:]!r}"]
-    repeated = any(text.count(raw) > 1 for raw in header.raw if raw)
-    blank = layout.separator != "" and layout.separator * (layout.fields - 1) in text
-    plain = not (repeated or blank or COMMENTED_ROW.search(text))
-    numbered = range(start + 1, start + 1 + len(body))
-    if plain and len(body) > SAMPLED_LINES and '"' not in text and len(layout.numeric) == layout.fields:
+    if len(body) > SAMPLED_LINES and '"' not in text and len(layout.numeric) == layout.fields:
         numbers = _read_plain_numbers(body, layout)
         if numbers is not None:
-            return numbers, numbered, []
+            return numbers, range(start + 1, start + 1 + len(body)), []
+    rows, line_of = [], []
     try:
-        columns = _read_in_blocks(body, layout) if plain else None
-        if columns is not None and len(columns[0]) == len(body):
-            return list(columns), numbered, []
-        rows, line_of = [], []
         for number, row in _split_rows(body, layout):
-            rows.append(row)
+            rows.append(tuple(row))  # Python's garbage collector does not go through tuples of texts again and again
             line_of.append(start + number)
     except csv.Error as error:
         raise fault(path, f"from line {start + 1}", f"{error}; expected a table with a field's end in sight") from None
@@ -339,27 +329,15 @@ def _read_plain_numbers(body: list[str], layout: Layout) -> list[Fields] | None:
     return [np.ascontiguousarray(column) for column in matrix.T]
 
 
-def _read_in_blocks(body: list[str], layout: Layout) -> list[list[str]] | None:
-    """Return fields by column; None if a row has another number of them."""
-    columns: list[list[str]] = [[] for _ in range(layout.fields)]
-    rows = (row for _, row in _split_rows(body, layout))
-    while block := list(islice(rows, BLOCK_ROWS)):
-        if set(map(len, block)) != {layout.fields}:
-            return None
-        for column, fields in zip(columns, zip(*block, strict=True), strict=True):
-            column.extend(fields)
-    return columns
-
-
 def _clean_rows(
-    rows: list[list[str]],
+    rows: list[tuple[str, ...]],
     line_of: Sequence[int],
     raw: list[str] | None,
     layout: Layout,
     header: Header,
     cut_off: bool,
     path: Path,
-) -> tuple[list[list[str]], Sequence[int], list[str]]:
+) -> tuple[list[tuple[str, ...]], Sequence[int], list[str]]:
     """Return rows without comments, blank lines, repeated names, closing words and a last line that was cut off."""
     kept, places, wrong, notes = [], [], [], []
     repeated, end = 0, len(rows)
@@ -390,7 +368,7 @@ def _clean_rows(
     return kept, places, notes
 
 
-def _is_closing(row: list[str], layout: Layout) -> bool:
+def _is_closing(row: Sequence[str], layout: Layout) -> bool:
     """Return True for a line without digits, or with other fields than a row and no number among them."""
     if not any(char.isdigit() for field in row for char in field):
         return True

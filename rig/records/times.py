@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import date
+from datetime import date, datetime
 
 import numpy as np
 
@@ -126,6 +126,13 @@ def read_times(fields: Sequence[str], layout: str | None = None) -> Times:
         first = next((text for text in texts if text), "")
     if _CLOCK_ALONE.fullmatch(first):
         return _clock_times(_matches(_CLOCK_ALONE, texts), layout)
+    if first[:4].isdigit() and len(set(map(len, texts))) == 1:  # most are ISO times, which Python reads faster
+        try:
+            stamps = [datetime.fromisoformat(text) for text in texts]
+            seconds = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
+            return Times(seconds, "ISO times as seconds from the first row")
+        except (ValueError, TypeError):  # no ISO times, or some with a zone and some without
+            pass
     return _dated_times(_matches(_STAMP, texts), layout)
 
 

@@ -14,10 +14,11 @@ import pytest
 from scipy.io import netcdf_file
 
 from rig.core.columns import OF_A_RUN
-from rig.records.run_folder import BLOCK, PackedRows, RunFolder
+from rig.records.run_folder import PackedRows, RunFolder
 
 SPECIAL = (0.1, -0.0, 1e-300, 1e22, 3.0, math.nan, math.inf, np.float64(1) / 3, 0)
-BYTES_A_ROW = 130  # 8 for each of 15 values, and what the blocks do not fill
+BYTES_A_ROW = 130  # 8 for each of 15 values, and what is allocated ahead
+BLOCK = 4096
 
 
 def rows(count: int) -> list[tuple[Any, ...]]:
