@@ -71,13 +71,13 @@ class ColumnChoice:
 
     Attributes
     ----------
+    options : the user can type --column, so that faults may say what to type
     chosen : choice for each of our columns
     renamed : typed names of columns that are not ours, by index
     faults, notes : lines for the user
     """
 
     def __init__(self, table: Table, options: bool = True) -> None:
-        """options: the user can type --column, so that faults may say what to type."""
         self.table, self.options = table, options
         self.names = [column.name for column in table.columns]
         self.shown = table.shown_names()

@@ -126,7 +126,7 @@ def _read_clock(table: Table, k: int) -> _Clock | None:
 
 
 def _moments(labels: Sequence[Label], clock: _Clock | None, channels: Sequence[Label]) -> list[dict[Label, int]] | None:
-    """Return the rows of each moment by channel; None if they cannot be told.
+    """Return the rows of each moment by channel; None if no time tells them apart.
 
     A moment ends when a channel comes again or a row is much later than the one before. If each channel's rows stand
     together, rows with the same time belong together.

@@ -32,7 +32,7 @@ class Column:
 
     @property
     def meaning(self) -> Meaning:
-        """What the name and the unit say."""
+        """The meaning of the name and the unit."""
         return interpret_name(self.name, self.unit)
 
     def select(self, rows: RowIndices) -> Column:

@@ -151,9 +151,9 @@ def _fill_merged(rows: list[list[str]], merged: list[Any]) -> list[Any]:
         if not content:
             continue
         alone = sum(map(bool, rows[first])) == 1
-        beside = f"merged with {area.coord.partition(':')[0]}" if is_value(content) else "" if alone else content
+        others = f"merged with {area.coord.partition(':')[0]}" if is_value(content) else "" if alone else content
         for row in rows[first : area.max_row]:
-            row[column : area.max_col] = [content, *[beside] * (len(row[column : area.max_col]) - 1)]
+            row[column : area.max_col] = [content, *[others] * (len(row[column : area.max_col]) - 1)]
         holding.append(area)
     return holding
 
