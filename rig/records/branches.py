@@ -112,10 +112,10 @@ def stack_branch_columns(table: Table, asked: bool) -> Table:
     both_rows = [*rows[0], *rows[1]]
     if timed is None:
         columns.append(Column("time_s", np.arange(len(both_rows), dtype=np.float64)))
-    of_times = "; no times, so no rates" if timed is None else "; its times put behind the first" * shifted
+    of_times = "; no times, so no rates" if timed is None else "; its times shifted behind the first" * shifted
     notes = [*table.notes, f"branches side by side taken one after the other, {senses[0]} first{of_times}"]
     names = table.shown_names()
-    notes += [f"left: {', '.join(repr(names[k]) for k in alone)}"] if alone else []
+    notes += [f"left out: {', '.join(repr(names[k]) for k in alone)}"] if alone else []
     lines = [table.line_of[k] for k in both_rows]
     return replace(table, columns=columns, line_of=lines, notes=notes, times="file" if timed else "rows")
 
@@ -243,9 +243,9 @@ def reverse_second_branch(record: Record, order: RowOrder) -> Record:
     second = int(read[k + 1])
     if not order.branches:
         jump = f"temperature_degC: from {smooth[k]:.1f} to {smooth[k + 1]:.1f} degC in one row"
-        expected = "expected --branches (the second is turned round), or a file for each sweep"
-        raise fault(record.source, f"row {second + 1}", f"{jump}: two branches, sorted alike? {expected}")
-    note = f"two branches, the second from row {second + 1} on turned round"
+        expected = "expected --branches (the second is reversed), or a file for each sweep"
+        raise fault(record.source, f"row {second + 1}", f"{jump}: two branches, sorted the same way? {expected}")
+    note = f"two branches, the second from row {second + 1} on reversed"
     rows = np.concatenate([np.arange(second), np.arange(second, degC.size)[::-1]])
     return replace(record.reordered(rows), notes=(*record.notes, note))
 
@@ -290,7 +290,7 @@ def _in_time(record: Record, sense: str) -> Record:
     """Return a branch without times in the order in which it was taken, as its name says."""
     if not sense or record.times == "file" or _is_loop(record) or _direction(record["temperature_degC"]) == sense:
         return record
-    note = f"its name says {sense}, and its rows go the other way: the last is taken as the first"
+    note = f"its name says {sense}, and its rows go the other way: they are reversed"
     return replace(record.reordered(np.arange(record.rows)[::-1]), notes=(*record.notes, note))
 
 
@@ -311,7 +311,7 @@ def _join(one: Record, other: Record) -> Record:
     if second["time_s"][-1] < first["time_s"][0]:
         first, second = second, first
     shift_s = _time_shift(first["time_s"], second["time_s"])
-    shifted = ", its times put behind" * (shift_s != 0.0) if one.times == "file" else "; no times, so no rates"
+    shifted = ", its times shifted behind" * (shift_s != 0.0) if one.times == "file" else "; no times, so no rates"
     note = f"joined with {second.source} as the branches of one loop{shifted}"
     return replace(
         first.followed_by(second, shift_s),

@@ -48,9 +48,9 @@ OTHER_NAME = {
     "current_A": "current_mA",
 }
 NO_TIMES = (
-    "; no column of times: expected --column time_s=row if the rows stand as they were taken, or --period SECONDS "
-    "if they are evenly apart too; with --reversed if the last was taken first, as in a cooling branch that is "
-    "sorted upwards; no rates are reported then"
+    "; no column of times: expected --column time_s=row if the rows are in the order in which they were taken, or "
+    "--period SECONDS if they are also evenly spaced; with --reversed if the last was taken first, as in a cooling "
+    "branch that is sorted upwards; no rates are reported then"
 )
 
 
@@ -256,7 +256,7 @@ class ColumnChoice:
             self._add_fault(self._proposal_without_names())
             return
         if "time_s" not in self.chosen and has_repeated_names(self.names):
-            text = "every name stands there twice: heating and cooling side by side? expected --branches"
+            text = "every name is there twice: heating and cooling side by side? expected --branches"
             text += " (heating first), or columns by their numbers"
             self._add_fault(f"there are {self._names_there()}; {text}")
             return
@@ -277,7 +277,7 @@ class ColumnChoice:
                     keep = self._option(self.names[k] or f"column{k + 1}", k)
                     self._add_fault(f"{self.shown[k]!r}: {why}; expected {options} or, to leave it as it is, {keep}")
                 else:
-                    self.notes.append(f"{self.shown[k]!r} left: {why}; if it is {ours}, {options}")
+                    self.notes.append(f"{self.shown[k]!r} left out: {why}; if it is {ours}, {options}")
 
     def _reason(self, ours: str, k: int) -> tuple[str, bool]:
         """Return why a column was not chosen, and whether its name may be of another quantity."""
@@ -370,7 +370,7 @@ class ColumnChoice:
         options = " ".join(f"--column '{ours}={theirs}'" for ours, theirs in found.items())
         return (
             f"no names above {len(self.names)} columns of numbers; expected --column OURS=#NUMBER@UNIT for each, "
-            f"as it might be {options}"
+            f"for example {options}"
         )
 
 

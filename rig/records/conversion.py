@@ -140,10 +140,10 @@ def _with_typed_times(
         text = "a period or time_s=row was typed, and the file has time_s; expected one of them"
         raise fault(table.source, table.place, text)
     time = Column("time_s", step * np.arange(len(table.line_of), dtype=np.float64))
-    notes = [*table.notes, "rows in the order in which they were taken; no rates are reported"]
+    notes = [*table.notes, "no times: rows taken in their order; no rates are reported"]
     if timed:
         names = ", ".join(repr(each.name) for each in timed)
-        notes.append(f"{names} left: the times are those of --period or time_s=row")
+        notes.append(f"{names} left out: the times are those of --period or time_s=row")
     return replace(table, columns=[*left, time], notes=notes, times=times), others
 
 
@@ -279,16 +279,16 @@ def _convert_column(choice: ColumnChoice, ours: str, chosen: Choice) -> Array:
     if numbers.ending is None and chosen.unit != ending:
         values = np.asarray(UNITS[ending][chosen.unit](values), dtype=np.float64)
     if ours == "resistance_ohm" and chosen.unit not in LOGARITHMS and np.any(np.isneginf(values)):
-        choice.notes.append(f"in {ours} -inf as beyond the range ({int(np.sum(np.isneginf(values)))} rows)")
+        choice.notes.append(f"in {ours} -inf read as beyond the range ({int(np.sum(np.isneginf(values)))} rows)")
         values = np.where(np.isneginf(values), np.inf, values)
     if np.any(infinite):
         _refuse_long_numbers(table, ours, k, infinite)
         if ending in ("degC", "A"):  # only of a resistance does an overload mean something
-            choice.notes.append(f"in {ours} what is beyond the range as no reading ({int(np.sum(infinite))} rows)")
+            choice.notes.append(f"in {ours} values beyond the range read as no reading ({int(np.sum(infinite))} rows)")
             values = np.where(infinite, np.nan, values)
     if ours == "resistance_ohm" and chosen.unit not in CONDUCTANCES and np.any(overload := find_overload(values)):
         largest, rows = float(np.max(values[overload])), int(np.sum(overload))
-        choice.notes.append(f"in {ours} {largest:g} ohm, far above all else, as beyond the range ({rows} rows)")
+        choice.notes.append(f"in {ours} {largest:g} ohm, far above all else, read as beyond the range ({rows} rows)")
         values = np.where(overload, np.inf, values)
     return values
 

@@ -64,9 +64,9 @@ def matlab_table(path: Path) -> Table:
         raise Faults([f"{path}: {name!r} appears in more than one struct; expected each name once" for name in twice])
     table = table_from_arrays(dict(chosen), str(path))
     if objects:
-        table.notes.append(f"MATLAB objects left: {', '.join(name for name, _ in objects)}")
+        table.notes.append(f"MATLAB objects left out: {', '.join(name for name, _ in objects)}")
     if left := sorted({name for name, values in vectors if values.size not in (1, rows)}):
-        table.notes.append(f"of another length and left: {', '.join(left[:8])}")
+        table.notes.append(f"left out, of another length: {', '.join(left[:8])}")
     return table
 
 

@@ -155,7 +155,7 @@ def replace_sentinels(values: Array, ending: str | None, notes: Sequence[str] = 
         none = (size > IEEE_NOT_A_NUMBER[0]) & (size < IEEE_NOT_A_NUMBER[1])
         large = (size >= IEEE_INFINITY[0]) & (size <= IEEE_INFINITY[1]) & ~none
         if np.any(large | none):
-            notes.append(f"9.9E37 as beyond the range or no reading ({int(np.sum(large | none))} rows)")
+            notes.append(f"9.9E37 read as beyond the range or no reading ({int(np.sum(large | none))} rows)")
             values = np.where(large, np.inf, values)  # its sign follows the input's, and is none of a resistance
             values[none] = math.nan
     return Numbers(values, None, notes)
@@ -202,7 +202,7 @@ def _read_each(fields: Sequence[str], decimal: DecimalSign, ending: str | None) 
         endings.add(unit[0] if unit is not None else "")
     if endings - {""} and len(endings) > 1:
         raise ValueError("numbers with a unit and numbers without one")
-    notes = [f"fields such as OL as beyond the range ({overloads} rows)"] if overloads else []
+    notes = [f"fields such as OL read as beyond the range ({overloads} rows)"] if overloads else []
     numbers = replace_sentinels(values, ending, notes)
     numbers.ending = next(iter(endings - {""}), None)
     return numbers

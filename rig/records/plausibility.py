@@ -99,7 +99,7 @@ class _Check:
             return []
         others = [name for name in ("temperature_degC", "resistance_ohm", "current_A") if name in self.values]
         rising = [name for name in others if np.all(np.diff(self.values[name]) > 0.0)]
-        text = "time_s: its numbers do not increase, and those of {} do in every row: are two columns exchanged?"
+        text = "time_s: its numbers do not increase, and those of {} do in every row: are two columns swapped?"
         return [self._line(text.format(rising[0]))] if rising else []
 
     def times(self) -> list[str]:
@@ -116,13 +116,13 @@ class _Check:
         if back.size:
             k, same = int(back[0]), int(np.sum(steps == 0.0))
             if 2 * same > back.size and same > 1:
-                expected = "expected a time of its own for each row, or --period SECONDS if they are evenly apart"
+                expected = "expected a time of its own for each row, or --period SECONDS if they are evenly spaced"
                 return [f"{self._line('time_s: the same as in the row before', k, back)}: {expected}"]
             if clock_changes(time, DAY_S / 2.0)[k] > 0.0:
                 text = "time_s: the clock went back by 12 h: of 12 hours, without AM or PM?"
-                expected = "expected times of 24 hours, or --period SECONDS if the rows are evenly apart"
+                expected = "expected times of 24 hours, or --period SECONDS if the rows are evenly spaced"
                 return [self._line(f"{text} {expected}", k)]
-            anew = "; it begins anew, as of another sweep: give each as a file of its own"
+            anew = "; it starts again, as in another sweep: give each sweep a file of its own"
             text = f"time_s: {float(time[k])!r} after {float(time[k - 1])!r}: expected increasing times"
             return [self._line(text + anew * int(time[k] <= time[0]), k, back)]
         if np.max(np.abs(time)) > MOST_S:
@@ -157,7 +157,7 @@ class _Check:
             return []
         low, high = (float(v) for v in np.percentile(finite, [2.0, 98.0]))
         if high > HOT_DEGC and name == "temperature_degC":  # sinks and rooms may have sensors that are not there
-            return [self._line(f"{name}: to {float(np.max(finite)):g} degC: are two columns exchanged?")]
+            return [self._line(f"{name}: to {float(np.max(finite)):g} degC: are two columns swapped?")]
         film = name == "temperature_degC" and bool(np.any(np.isfinite(self.values.get("resistance_ohm", np.empty(0)))))
         kelvin = FILM_K[0] < low and high < FILM_K[1] and (film or ROOM_K[0] <= float(finite[0]) <= ROOM_K[1])
         if unit == "degC" and kelvin:

@@ -51,7 +51,7 @@ SAME_SHARE = 0.02  # of a witness's range: the film is where it was
 MOST_STRETCHES = 5  # of rows in a sentence
 COLD = "absolute zero (0 K) or below is no temperature"
 FAULT = "a fault value: the temperature jumps there and back, and neither film nor current does"
-EDGE = "a fault value: one jump parts them from all other readings, and neither film nor current jumps"
+EDGE = "a fault value: one jump separates them from all other readings, and neither film nor current jumps"
 STILL = "the thermometer stands still while the film or the current moves"
 
 

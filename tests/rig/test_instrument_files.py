@@ -139,7 +139,7 @@ def test_two_readings_in_a_second_that_is_not_parted(tmp_path: Path) -> None:
     stamps = [f"2026-11-21T14:03:{k // 2:02d}Z" for k in range(COUNT)]
     said = refusal(tmp_path / "a.csv", stacked(stamps, DEGC[::-1], OHM))
     assert "the same as in the row before (15 such rows" in said
-    assert "--period SECONDS if they are evenly apart" in said
+    assert "--period SECONDS if they are evenly spaced" in said
     (tmp_path / "a.csv").write_text(stacked(stamps, DEGC, OHM))
     record = read_record(tmp_path / "a.csv", needs=("temperature_degC",), order=RowOrder(period_s=0.5))
     assert_read(record, 0.5)
@@ -230,4 +230,4 @@ def test_vectors_beside_an_object_are_read(tmp_path: Path) -> None:
     path.write_bytes(HEADER + content)
     record = read_record(path)
     np.testing.assert_allclose(record["temperature_degC"], [26.85, 27.85, 28.85])
-    assert "MATLAB objects left: t" in record.notes[0]
+    assert "MATLAB objects left out: t" in record.notes[0]

@@ -211,11 +211,11 @@ def test_branches_side_by_side_of_which_cooling_came_first(tmp_path: Path) -> No
     text = f"{head}\n" + rows_of(seconds + HALF + 60.0, *branch(True), seconds, *branch(False))
     record = read(tmp_path / "film.csv", text)
     assert "cooling first" in " ".join(record.notes)
-    assert "put behind" not in " ".join(record.notes)
+    assert "shifted behind" not in " ".join(record.notes)
     np.testing.assert_allclose(record["time_s"], np.concatenate([seconds, seconds + HALF + 60.0]))
     np.testing.assert_allclose(record["temperature_degC"][:HALF], branch(False)[0], rtol=1e-5)
     anew = read(tmp_path / "film.csv", f"{head}\n" + rows_of(seconds, *branch(True), seconds, *branch(False)))
-    assert "heating first; its times put behind the first" in " ".join(anew.notes)
+    assert "heating first; its times shifted behind the first" in " ".join(anew.notes)
 
 
 def test_rows_that_are_turned_keep_the_numbers_that_stand_for_times(tmp_path: Path) -> None:
@@ -246,7 +246,7 @@ def test_branches_below_each_other(tmp_path: Path) -> None:
     parts = [branch(True), tuple(values[::-1] for values in branch(False))]
     text = "T (C),R (ohm)\n" + "".join(rows_of(*part) for part in parts)
     said = refusal(tmp_path / "film.csv", text, "time_s=row")
-    assert "in one row: two branches, sorted alike? expected --branches" in said
+    assert "in one row: two branches, sorted the same way? expected --branches" in said
     assert_the_loop(read(tmp_path / "film.csv", text, "time_s=row", rows=RowOrder(branches=True)))
     named = "T (C),R (ohm),sweep\n"
     for part, word in zip(parts, ("heating", "cooling"), strict=True):
@@ -306,7 +306,9 @@ def test_branches_below_each_other_where_a_temperature_is_missing(tmp_path: Path
     for k in GONE:
         lines[k] = f"{missing},{lines[k].split(',')[1]}"
     text = "\n".join(["T (C),R (ohm)", *lines]) + "\n"
-    assert "two branches, sorted alike? expected --branches" in refusal(tmp_path / "film.csv", text, "time_s=row")
+    assert "two branches, sorted the same way? expected --branches" in refusal(
+        tmp_path / "film.csv", text, "time_s=row"
+    )
     record = read(tmp_path / "film.csv", text, "time_s=row", rows=RowOrder(branches=True))
     if missing == "850":  # one reading that is far off, as noise makes them, is not left out
         assert np.flatnonzero(record["temperature_degC"] == 850.0).tolist() == [40, 2 * HALF - 31]
@@ -531,9 +533,9 @@ def test_times_beside_a_period_that_is_typed(tmp_path: Path) -> None:
     assert "expected a time of its own for each row, or --period" in refusal(tmp_path / "a.csv", f"{HEAD}\n{text}")
     record = read(tmp_path / "a.csv", f"{HEAD}\n{text}", rows=rows)
     np.testing.assert_allclose(np.diff(record["time_s"]), 0.5)
-    assert "'time_s' left: the times are those of --period" in " ".join(record.notes)
+    assert "'time_s' left out: the times are those of --period" in " ".join(record.notes)
     record = read(tmp_path / "b.csv", "Time (s),T (C)\n" + "".join(f"{k},{25 + k}\n" for k in range(20)), rows=rows)
-    assert "'Time (s)' left: the times are those of --period" in " ".join(record.notes)
+    assert "'Time (s)' left out: the times are those of --period" in " ".join(record.notes)
     with pytest.raises(Faults, match="a period or time_s=row was typed, and the file has time_s"):
         read(tmp_path / "c.csv", "\n".join([HEAD, *LINES]) + "\n", rows=rows)
 

@@ -156,7 +156,7 @@ def structs(path: Path, **more: Any) -> Path:
 
 def test_an_array_of_structs_is_a_table(tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
-    assert is_read(structs(path)) == ("of another length and left: range",)
+    assert is_read(structs(path)) == ("left out, of another length: range",)
     assert np.isnan(read_record(structs(path, current_A=[]))["current_A"][3])
     for value, told in (("off", "'off'"), ([1.0, 2.0], "'2 values'")):
         with pytest.raises(Faults, match=f"row 3: current_A: {told}: expected a number"):

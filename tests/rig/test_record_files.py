@@ -166,7 +166,7 @@ def test_words_between_rows_are_a_fault(file: Path) -> None:
 def test_exchanged_columns(file: Path) -> None:
     rows = "".join(f"{k},{1e5 / (k + 1)!r},{25 + k}\n" for k in range(66))
     said = refusal(file, f"time_s,temperature_degC,resistance_ohm\n{rows}")
-    assert said.splitlines() == [f"{file}: temperature_degC: to 100000 degC: are two columns exchanged?"]
+    assert said.splitlines() == [f"{file}: temperature_degC: to 100000 degC: are two columns swapped?"]
 
 
 def test_degrees_under_the_name_of_kelvins(file: Path) -> None:
@@ -487,7 +487,7 @@ def test_an_unplugged_thermometer_has_no_reading(file: Path) -> None:
 def test_a_temperature_beyond_the_range_is_told_as_no_reading(file: Path, beyond: str) -> None:
     record = read(file, f"{HEAD}0,20,5\n1,{beyond},6\n2,22,7\n")
     np.testing.assert_array_equal(record["temperature_degC"], [20.0, np.nan, 22.0])
-    assert "in temperature_degC what is beyond the range as no reading (1 rows)" in record.notes[0]
+    assert "in temperature_degC values beyond the range read as no reading (1 rows)" in record.notes[0]
 
 
 def test_a_last_line_that_was_cut_off_is_told(file: Path) -> None:

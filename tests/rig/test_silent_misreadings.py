@@ -90,7 +90,7 @@ def test_a_second_sweep_in_one_file_is_told_as_that(file: Path) -> None:
     sweep = "".join(f"{k},{300 + k},{1e4 - k}\n" for k in range(30))
     other = sweep.replace(",30", ",31")
     said = refusal(file, f"t (s),T (K),R (Ohm)\n{sweep}\n{other}")
-    assert "line 33: time_s: 0.0 after 29.0: expected increasing times; it begins anew, as of another sweep" in said
+    assert "line 33: time_s: 0.0 after 29.0: expected increasing times; it starts again, as in another sweep" in said
     wrong = sweep.replace("\n20,", "\n2,")
     assert "another sweep" not in refusal(file, f"t (s),T (K),R (Ohm)\n{wrong}")
 

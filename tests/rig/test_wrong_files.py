@@ -76,7 +76,7 @@ def test_time_and_temperature_exchanged(peltier: Peltier, tmp_path: Path) -> Non
     file.write_text("\n".join(["T_K,t_s,R_ohm", *rows]).replace("T_K,t_s", "t_s,T_K") + "\n")
     status, _, err = peltier("identify", file)
     assert status == 2
-    assert "those of temperature_degC do in every row: are two columns exchanged?" in err.splitlines()[0]
+    assert "those of temperature_degC do in every row: are two columns swapped?" in err.splitlines()[0]
 
 
 def test_a_unit_in_the_name_that_is_another_quantitys_is_asked_about(peltier: Peltier, tmp_path: Path) -> None:
