@@ -92,7 +92,7 @@ def digest_named_files(tables: Any, folder: Path) -> dict[str, str]:
                 inner = read_toml(path) if path.suffix == ".toml" else {}
             except (OSError, ValueError, Faults):  # no name of a file, or a file that its reader refuses
                 continue
-            left += [(f"{source} {name}", each, path.parent) for each in _texts(inner)]
+            left[:0] = [(f"{source} {name}", each, path.parent) for each in _texts(inner)]
     return found
 
 
