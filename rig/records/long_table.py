@@ -36,10 +36,10 @@ Label = tuple[str, ...]
 def pivot_readings(table: Table) -> Table:
     """Return the table with a column for each channel; the table itself if its rows are not single readings."""
     names = [column.name.strip().lower() for column in table.columns]
-    filled = [bool(np.any(column.filled())) for column in table.columns]
-    value = next((k for wanted in VALUE_NAMES for k, name in enumerate(names) if name == wanted and filled[k]), None)
+    found = [k for wanted in VALUE_NAMES for k, name in enumerate(names) if name == wanted]
+    value = next((k for k in found if np.any(table.columns[k].filled())), None)
     unit = next((k for k, name in enumerate(names) if name in UNIT_NAMES and table.columns[k].texts is not None), None)
-    keys = [k for k, name in enumerate(names) if name in CHANNEL_NAMES and filled[k]]
+    keys = [k for k, name in enumerate(names) if name in CHANNEL_NAMES and np.any(table.columns[k].filled())]
     meanings = {column.meaning.ours for column in table.columns}
     if value is None or (unit is None and not keys) or {"temperature_degC", "resistance_ohm"} <= meanings:
         return table

@@ -347,7 +347,8 @@ def _clean_rows(
     if words := [text for text in closing if text[0] not in COMMENT_SIGNS]:
         notes.append(f"words after the last row left out: {words[0][:SHOWN]!r}{' and more' if len(words) > 1 else ''}")
     for k, row in enumerate(rows[:end]):
-        if not any(field.strip() for field in row) or row[0].lstrip()[:1] in COMMENT_SIGNS:
+        first = row[0].lstrip() if row else ""
+        if first.startswith(COMMENT_SIGNS) or (not first and not any(map(str.strip, row))):
             continue
         if raw is not None and raw[k].strip() in header.raw:
             repeated += 1
