@@ -45,7 +45,7 @@ READ, SET = b"?VR", b"VS"
 REPLY_LENGTH = {True: 20, False: 12}  # characters that are expected, by whether something is read
 # largest output current, A, and voltage, V, by device type (5136AL, parameters 2030 and 2031)
 LARGEST_CURRENT_A = {1089: 10.0, 1090: 16.0, 1091: 4.0, 1092: 1.2, 1122: 10.0, 1123: 16.0, 1161: 16.0}
-LARGEST_VOLTAGE_V = 21.0
+LARGEST_VOLTAGE_V = 21.0  # the same, of each type
 WIDE = 2**31 - 1  # the largest INT32
 
 _float32 = struct.Struct(">f")
