@@ -172,31 +172,24 @@ class Controller:
     _armed: str | None = None
 
     def own_limits(self) -> OwnLimits:
-        """Return no limits."""
         return OwnLimits()
 
     def set_ramp_K_per_s(self, ramp_K_per_s: float) -> None:
-        """Refuse a ramp."""
         raise Refused(None, f"{self.NAME} has no ramp of its own")
 
     def arm_current(self) -> None:
-        """Refuse currents."""
         raise Refused(None, f"{self.NAME} takes no current; use setpoints")
 
     def set_current_A(self, current_A: float) -> None:
-        """Refuse currents."""
         raise Refused(None, f"{self.NAME} takes no current; use setpoints")
 
     def arm_setpoint(self) -> None:
-        """Refuse setpoints."""
         raise Refused(None, f"{self.NAME} has no regulation of its own; it takes a drive")
 
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
-        """Refuse setpoints."""
         raise Refused(None, f"{self.NAME} has no regulation of its own; it takes a drive")
 
     def clear_error(self) -> None:
-        """Refuse to clear an error."""
         raise Refused(None, f"{self.NAME} cannot clear an error from here; clear it at the instrument")
 
     def read_current(self) -> Reading:
@@ -204,7 +197,6 @@ class Controller:
         return Reading(nan, self.transport.clock.now_s(), Quality.INVALID)
 
     def close(self) -> None:
-        """Let go of the port; the output stays as it is."""
         self.transport.close()
 
     # ---- checks ---------------------------------------------------------------------------------

@@ -121,21 +121,17 @@ class FormulaMeter:
 
     @property
     def output(self) -> str:
-        """Return name and unit of the quantity."""
         return self._output
 
     @property
     def test_current_A(self) -> float:
-        """Return the meter's test current: none flows, A."""
         return self.meter.test_current_A
 
     @property
     def full_scale(self) -> float:
-        """Return the full scale of the voltage range, V."""
         return self.meter.full_scale
 
     def identify(self) -> Identity:
-        """Return the meter's identity."""
         return self.meter.identify()
 
     def configure(self, four_wire: bool, nplc: float, max_test_current_A: float) -> None:
@@ -147,7 +143,6 @@ class FormulaMeter:
         average(self.meter, averaging)
 
     def start_reading(self) -> None:
-        """Begin a reading."""
         self.meter.start_reading()
 
     def finish_reading(self) -> Reading:
@@ -158,14 +153,11 @@ class FormulaMeter:
         return Reading(value, voltage.time_s, quality)
 
     def read(self) -> Reading:
-        """Begin a reading and wait for it."""
         self.start_reading()
         return self.finish_reading()
 
     def off(self) -> bool:
-        """Switch the meter off all the same; there is no test current."""
         return self.meter.off()
 
     def close(self) -> None:
-        """Let go of the port."""
         self.meter.close()

@@ -68,7 +68,6 @@ READING_FAULTS = {1: "invalid", 16: "too cold", 32: "too hot", 64: "sensor at ze
 RESOLUTION_PERCENT, RESOLUTION_K, LIMIT_RESOLUTION_K = 0.011, 2e-3, 0.6
 NO_OUTPUT_PERCENT = 0.1  # some show 0.005 % with the output off
 SETTLE_S, AGAIN_S = 0.6, 0.05
-TRIALS = 3  # one answer may be hurt, and its repetition by the same disturbance
 SLOWEST_K_PER_MIN, FASTEST_K_PER_MIN = 0.1, 100.0  # of RAMP, by the manual
 NUMBER = re.compile(r"[+-]?\d{1,6}(\.\d{0,6})?([eE][+-]?\d{1,2})?")
 
@@ -192,7 +191,6 @@ class LakeShoreController(Controller):
 
     @staticmethod
     def own_fields(options: Mapping[str, Any], kp: float, ti_s: float, td_s: float, limit: float) -> list[OwnField]:
-        """See `rig.drivers.own_gains`."""
         p = min(round(100.0 * kp / limit, 1), 1000.0)
         i = min(round(1000.0 / ti_s, 1), 1000.0) if ti_s > 0.0 else 0.0
         d = round(100.0 * td_s, 1)
@@ -201,7 +199,6 @@ class LakeShoreController(Controller):
 
     @staticmethod
     def own_pid(limit: float, p: float, i: float, d: float) -> tuple[float, float, float]:
-        """See `rig.drivers.own_gains`."""
         return p * limit / 100.0, 1000.0 / i if i else 0.0, d / 100.0
 
     @retry_once
@@ -237,7 +234,7 @@ class LakeShoreController(Controller):
     def own_limits(self) -> OwnLimits:
         """Read TLIMIT and the ramp, each asked for twice."""
         limit_K = self._twice(f"TLIMIT? {self._input}")
-        on, rate_K_per_min = (_number(text) for text in self._texts_twice(f"RAMP? {self._output}").split(","))
+        on, rate_K_per_min = (_number(text) for text in self.link.twice(f"RAMP? {self._output}")[0].split(","))
         high_degC = limit_K - KELVIN if limit_K > 0.0 else nan
         return OwnLimits(high_degC=high_degC, ramp_K_per_s=rate_K_per_min / 60.0 if on else 0.0)
 
@@ -249,7 +246,7 @@ class LakeShoreController(Controller):
         on = int(ramp_K_per_s > 0.0)
         text = f"{rate if on else SLOWEST_K_PER_MIN:.2f}"
         self.link.command(f"RAMP {self._output},{on},{text}")
-        found = [_number(part) for part in self._texts_twice(f"RAMP? {self._output}").split(",")]
+        found = [_number(part) for part in self.link.twice(f"RAMP? {self._output}")[0].split(",")]
         if len(found) != 2 or found[0] != on or abs(found[1] - float(text)) > 0.06:
             raise Refused(None, f"RAMP was set to {on},{text} and reads {found}")
 
@@ -285,9 +282,7 @@ class LakeShoreController(Controller):
 
     def read_temperature(self) -> Reading:
         """Read the sensor (CRDG, RDGST), degC; `time_s` is when the question had arrived."""
-        value_degC, fault = (
-            _number(text) for text in self._texts_twice(f"CRDG? {self._input}", f"RDGST? {self._input}").split(";")
-        )
+        value_degC, fault = (_number(text) for text in self.link.twice(f"CRDG? {self._input}", f"RDGST? {self._input}"))
         good = fault == 0.0 and isfinite(value_degC)
         return Reading(value_degC if good else nan, self.link.arrived_s, Quality.OK if good else Quality.INVALID)
 
@@ -299,9 +294,9 @@ class LakeShoreController(Controller):
     def status(self) -> Status:
         """Read range and mode of the output, errors of its heater, and faults of the sensor."""
         output = self._output
-        range_text, mode_text, heater_text, sensor_text = self._texts_twice(
+        range_text, mode_text, heater_text, sensor_text = self.link.twice(
             f"RANGE? {output}", f"OUTMODE? {output}", f"HTRST? {output}", f"RDGST? {self._input}"
-        ).split(";")
+        )
         heater, sensor = int(_whole(heater_text)), int(_whole(sensor_text))
         in_range, mode = int(_whole(range_text)), int(_whole(mode_text.partition(",")[0]))
         words = [next((name for name, code in RANGES.items() if code == in_range), "off"), MODES.get(mode, "?")]
@@ -328,14 +323,14 @@ class LakeShoreController(Controller):
 
     def _configure_output(self) -> None:
         """Let the output show power; the heater's resistance and largest current stay, or are as the options say."""
-        fields = [text.strip() for text in self._texts_twice(f"HTRSET? {self._output}").split(",")]
+        fields = [text.strip() for text in self.link.twice(f"HTRSET? {self._output}")[0].split(",")]
         if len(fields) not in (4, 5):  # the 335 has the output's type in front
             raise Refused(None, f"HTRSET reads {fields}")
         fields[-1] = SHOWS_POWER
         if self._max_current_A is not None:
             fields[-3], fields[-2] = "0", f"{self._max_current_A:.3f}"
         self.link.command(f"HTRSET {self._output},{','.join(fields)}")
-        found = self._texts_twice(f"HTRSET? {self._output}").split(",")
+        found = self.link.twice(f"HTRSET? {self._output}")[0].split(",")
         if [_number(text) for text in found] != [_number(text) for text in fields]:
             raise Refused(None, f"HTRSET was set to {fields} and reads {found}")
 
@@ -387,7 +382,7 @@ class LakeShoreController(Controller):
 
     def _learn_units(self) -> None:
         """Ask for the units of the sensor, in which setpoints count. Refused for those that are no temperatures."""
-        units = _number(self._texts_twice(f"INTYPE? {self._input}").rpartition(",")[2])
+        units = _number(self.link.twice(f"INTYPE? {self._input}")[0].rpartition(",")[2])
         if units not in (KELVIN_UNITS, CELSIUS_UNITS):
             raise Refused(None, f"input {self._input} counts in the sensor's units; kelvin or degC is expected")
         self._kelvin = units == KELVIN_UNITS
@@ -395,18 +390,7 @@ class LakeShoreController(Controller):
     # ---- questions ------------------------------------------------------------------------------
 
     def _twice(self, question: str) -> float:
-        return _number(self._texts_twice(question))
-
-    def _texts_twice(self, *questions: str) -> str:
-        """Return answers that the instrument gives twice in one line, the token between; Corrupt if they differ."""
-        count, message = len(questions), ";".join(questions)
-        for _ in range(TRIALS):
-            answers = self.link.answers(f"{message};*ESE?;{message}", 2 * count + 1)
-            first, token, second = answers[:count], answers[count], answers[count + 1 :]
-            if first == second and self.link.is_token(token):
-                return ";".join(first)
-        self.link.doubt()
-        raise Corrupt(f"{first}, {token!r}, {second} are not twice the same about a token")
+        return _number(self.link.twice(question)[0])
 
     def _check_after_doubt(self) -> None:
         """Check whether the output is still armed: a controller that was switched off in between comes back off."""

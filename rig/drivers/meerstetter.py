@@ -321,7 +321,6 @@ class MeerstetterController(Controller):
 
     @staticmethod
     def own_fields(_: Mapping[str, Any], kp_A_per_K: float, ti_s: float, td_s: float, limit: float) -> list[OwnField]:
-        """See `rig.drivers.own_gains`."""
         values = (
             ("kp_percent_per_K", round(100.0 * kp_A_per_K / limit, 2), 3010, "%/K"),
             ("ti_s", round(ti_s, 2), 3011, "s"),
@@ -331,7 +330,6 @@ class MeerstetterController(Controller):
 
     @staticmethod
     def own_pid(limit: float, kp_percent_per_K: float, ti_s: float, td_s: float) -> tuple[float, float, float]:
-        """See `rig.drivers.own_gains`."""
         return kp_percent_per_K * limit / 100.0, ti_s, td_s
 
     def identify(self) -> Identity:

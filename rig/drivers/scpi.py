@@ -24,6 +24,7 @@ from collections.abc import Callable
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
 from rig.ports.transport import Transport
 
+TRIALS = 3  # one answer may be hurt, and its repetition by the same disturbance
 RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three the line is dead
 # until an answer begins, unless a driver says otherwise: meters answer within 50 ms unless they measure
 ANSWER_S = 0.5
@@ -125,6 +126,20 @@ class ScpiLink:
             self.doubt()
             raise Corrupt(f"{answers} are not {count} answers to {message}")
         return answers
+
+    def twice(self, *questions: str) -> list[str]:
+        """Return answers that the instrument gives twice in one line, a token between; Corrupt if they differ.
+
+        A stale pair before the token of a question that did not arrive whole is none.
+        """
+        message, count = ";".join(questions), len(questions)
+        for _ in range(TRIALS):
+            answers = self.answers(f"{message};*ESE?;{message}", 2 * count + 1)
+            first, token, second = answers[:count], answers[count], answers[count + 1 :]
+            if first == second and self.is_token(token):
+                return first
+        self.doubt()
+        raise Corrupt(f"{first}, {token!r}, {second} are not twice the same about a token")
 
     def shout(self, message: str) -> None:
         """Send a line at once, whatever the instrument is doing, and wait for no answer."""

@@ -268,7 +268,6 @@ class ScpiMeter:
         return reading
 
     def read(self) -> Reading:
-        """Begin a reading and wait for it, ohm or V."""
         self.start_reading()
         return self.finish_reading()
 
@@ -285,7 +284,6 @@ class ScpiMeter:
         return False
 
     def close(self) -> None:
-        """Let go of the port."""
         self.transport.close()
 
     # ---- ranges and settings --------------------------------------------------------------------

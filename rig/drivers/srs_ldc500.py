@@ -73,7 +73,6 @@ MODES = {CURRENTS: 0, SETPOINTS: 1}  # of TMOD: constant current, constant tempe
 WORDS = {"OFF": 0, "ON": 1, "CC": 0, "CT": 1}
 RESOLUTION_A, RESOLUTION_K = 2e-3, 2e-3  # a setting that reads back within this is the one that was set
 NO_OUTPUT_A = 0.05  # a current-measurement offset is no output
-TRIALS = 3
 OFF_ANSWER_S = 0.1  # until an answer to "off" begins, beyond the time on the wire
 NUMBER = re.compile(r"[+-]?\d{1,6}(\.\d{0,9})?([eE][+-]?\d{1,2})?")
 
@@ -191,7 +190,6 @@ class SrsLdc500Controller(Controller):
 
     @staticmethod
     def own_fields(_: Mapping[str, Any], kp_A_per_K: float, ti_s: float, td_s: float, __: float) -> list[OwnField]:
-        """See `rig.drivers.own_gains`."""
         values = (
             ("p_A_per_K", -round(kp_A_per_K, 4), "TPGN", "A/K"),  # negative regulates, as the manual says
             ("i_per_s", round(1.0 / ti_s, 4) if ti_s > 0.0 else 0.0, "TIGN", "1/s"),
@@ -201,7 +199,6 @@ class SrsLdc500Controller(Controller):
 
     @staticmethod
     def own_pid(_: float, p_A_per_K: float, i_per_s: float, d_s: float) -> tuple[float, float, float]:
-        """See `rig.drivers.own_gains`."""
         return abs(p_A_per_K), 1.0 / i_per_s if i_per_s else 0.0, d_s
 
     @retry_once
@@ -358,16 +355,7 @@ class SrsLdc500Controller(Controller):
             raise Refused(None, f"{name} was set to {text} and reads {read_back}")
 
     def _read_twice(self, name: str) -> float:
-        """Return a number that the instrument gives twice in one line, the token between; Corrupt if they differ.
-
-        A stale pair before the token of a question that did not arrive whole is none.
-        """
-        for _ in range(TRIALS):
-            first, token, second = self.link.answers(f"{name}?;*ESE?;{name}?", 3)
-            if first == second and self.link.is_token(token):
-                return _number(first)
-        self.link.doubt()
-        raise Corrupt(f"{first!r}, {token!r}, {second!r} are not twice the same {name} about a token")
+        return _number(self.link.twice(f"{name}?")[0])
 
     def _check_after_doubt(self) -> None:
         """Check whether the output is still armed: a controller that was switched off in between comes back off."""

@@ -423,7 +423,6 @@ class TeTechnologyController(Controller):
 
     @staticmethod
     def own_fields(options: Mapping[str, Any], kp: float, ti_s: float, td_s: float, limit: float) -> list[OwnField]:
-        """See `rig.drivers.own_gains`."""
         per_K = model_of(options.get("model", "tc-36-25")).per_degC
         band_K = max(round(limit / kp * per_K), 1) / per_K
         integral, derivative = round(60.0 / ti_s, 2) if ti_s > 0.0 else 0.0, td_s / 60.0
@@ -437,7 +436,6 @@ class TeTechnologyController(Controller):
     def own_pid(
         limit: float, bandwidth_K: float, integral_per_min: float, derivative_min: float
     ) -> tuple[float, float, float]:
-        """See `rig.drivers.own_gains`."""
         return limit / bandwidth_K, 60.0 / integral_per_min if integral_per_min else 0.0, derivative_min * 60.0
 
     @retry_once

@@ -81,7 +81,6 @@ class SerialInstrument:
         self._receiving_until_s = self._sending_until_s = start_s
 
     def receive(self, data: bytes, time_s: float) -> None:
-        """See `Instrument.receive`."""
         begin_s = max(time_s, self._receiving_until_s)
         already, data = len(self._partial), self._partial + data
         for end in self.ENDS[1:]:
@@ -95,7 +94,6 @@ class SerialInstrument:
         self._partial = rest[-self.LONGEST_PARTIAL :]
 
     def transmit(self, time_s: float) -> bytes:
-        """See `Instrument.transmit`."""
         self._plant.advance_to(time_s)
         replies = self._replies
         if not replies or replies[0][0] > time_s:
@@ -106,7 +104,6 @@ class SerialInstrument:
         return data
 
     def next_transmit_s(self) -> float | None:
-        """See `Instrument.next_transmit_s`."""
         return self._replies[0][0] if self._replies else self._next_reply_s()
 
     def _send(self, data: bytes, begin_s: float) -> None:

@@ -89,12 +89,10 @@ class Keithley2000(Multimeter):
     )
 
     def averaged(self) -> int:
-        """See `Meter.averaged`."""
         of_function = self.function + ":"
         return int(self.settings[of_function + "AVER:COUN"]) if self.settings[of_function + "AVER:STAT"] else 1
 
     def default_settings(self) -> dict[str, float | str]:
-        """See `Meter.default_settings`."""
         return super().default_settings() | {f"{function}:RANG": 1000.0 for function in self.FUNCTIONS}
 
     def _define_commands(self) -> None:

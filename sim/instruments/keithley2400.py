@@ -58,7 +58,6 @@ class SourceMeter(Meter):
     output_is_on = False
 
     def function_text(self, function: str) -> str:
-        """See `Meter.function_text`."""
         return function if function == "RES" else function + ":DC"
 
     def switch_output(self, on: bool) -> None:
@@ -73,7 +72,6 @@ class SourceMeter(Meter):
         super().initiate(count)
 
     def default_settings(self) -> dict[str, float | str]:
-        """See `Meter.default_settings`."""
         return super().default_settings() | {"SOUR:FUNC": "VOLT", "SOUR:CURR": 0.0, "SOUR:VOLT": 0.0}
 
     def reset(self) -> None:
@@ -340,7 +338,6 @@ class Keithley2400(SourceMeter):
     # ---- settings -------------------------------------------------------------------------------
 
     def default_settings(self) -> dict[str, float | str]:
-        """See `Meter.default_settings`."""
         return super().default_settings() | {"RES:MODE": "MAN"}
 
     def reset(self) -> None:

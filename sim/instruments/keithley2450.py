@@ -113,7 +113,6 @@ class Keithley2450(SourceMeter):
         return float(self.settings["SOUR:CURR"]) if self.settings["SOUR:FUNC"] == "CURR" else 0.0
 
     def averaged(self) -> int:
-        """See `Meter.averaged`."""
         return int(self.settings[self.function + ":AVER:COUN"]) if self.settings[self.function + ":AVER"] else 1
 
     def digitize(self) -> str:
@@ -145,7 +144,6 @@ class Keithley2450(SourceMeter):
         super().push_error(text.removesuffix('"') + ';1;2026/01/01 00:00:00.000"')
 
     def default_settings(self) -> dict[str, float | str]:
-        """See `Meter.default_settings`."""
         return super().default_settings() | {"VOLT:RANG": 20.0, "CURR:RANG": 1e-4, "RES:RANG": 0.0}
 
     def reset(self) -> None:

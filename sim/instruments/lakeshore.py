@@ -93,7 +93,6 @@ class LakeShore(ScpiInstrument, Ticking):
     # ---- commands -------------------------------------------------------------------------------
 
     def push_error(self, text: str) -> None:
-        """See `ScpiInstrument.push_error`."""
         self.event_status |= COMMAND_ERROR if text.startswith("-1") else EXECUTION_ERROR
 
     def _define_common(self) -> None:

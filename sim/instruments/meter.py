@@ -399,7 +399,6 @@ class Multimeter(Meter):
     NAN_TEXT: ClassVar[str]
 
     def digitize(self) -> str:
-        """See `Meter.digitize`."""
         if self.measures_resistance:
             value = self.sample_ohm()
             if value is None:
