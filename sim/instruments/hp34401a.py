@@ -80,7 +80,7 @@ class Hp34401A(Multimeter):
         Setting(":INPut:IMPedance:AUTO", "IMP", 0, ON_OFF),
         Setting("*ESE", "*ESE", 0, "%+d", 0, 255),
     )
-    SILENT: ClassVar[Sequence[str]] = (":SYSTem:BEEPer[:IMMediate]", ":DISPlay[:WINDow#]:TEXT:CLEar")
+    SILENT: ClassVar[Sequence[str]] = (":SYSTem:BEEPer[:IMMediate]",)
 
     def _define_commands(self) -> None:
         self.remote = False
@@ -102,9 +102,8 @@ class Hp34401A(Multimeter):
         self._define_choice("[:SENSe#]:FUNCtion")
         for function, header in self.FUNCTIONS.items():
             self._define_function(function, header)
-        self._define_measuring("SAMP:COUN")
+        self._define_measuring(lambda: int(self.settings["TRIG:COUN"]) * int(self.settings["SAMP:COUN"]))
         define("[:SENSe]:ZERO:AUTO", set=self._set_autozero, ask=lambda _: str(self.settings["AZER"]))
-        define(":CONFigure", ask=lambda _: f'"{self.function} {self.full_scale_ohm:+.6E},+1.000000E-03"')
         define(":DATA:POINts", ask=lambda _: "+0" if self.stored is None else f"{self.stored.count(',') + 1:+d}")
         define(":SYSTem:VERSion", ask=lambda _: "1991.0")
         define(":ROUTe:TERMinals", ask=lambda _: "FRON")
@@ -112,7 +111,6 @@ class Hp34401A(Multimeter):
     def _define_function(self, function: str, header: str) -> None:
         sense = "[:SENSe]:" + header + (":VOLTage" if function in FREQUENCIES else "")
         self._define_setting(Setting(sense + ":RANGe:AUTO", f"{function}:RANG:AUTO", 1, ON_OFF))
-        self._define_setting(Setting(sense + ":RESolution", f"{function}:RES", 1e-3, "%+.8E", 0.0, 1e9))
         aperture = f"[:SENSe]:{header}:APERture"
         self._define_setting(Setting(aperture, f"{function}:APER", 0.1, "%+.8E", 0.01, 1.0))
         self._define_range(function, sense, 1000.0, "%+.8E")
@@ -216,7 +214,7 @@ class Hp34401A(Multimeter):
         """See `Meter.default_settings`; NPLC is 10."""
         settings = super().default_settings() | {"AZER": 1}
         for function in self.FUNCTIONS:
-            values = {"RANG:AUTO": 1, "RANG": 1000.0, "APER": 0.1, "RES": 1e-3}
+            values = {"RANG:AUTO": 1, "RANG": 1000.0, "APER": 0.1}
             settings |= {f"{function}:{name}": value for name, value in values.items()}
         return settings | {f"{function}:NPLC": 10.0 for function in INTEGRATING}
 

@@ -68,7 +68,6 @@ class Keithley2000(Multimeter):
         Setting(":TRIGger[:SEQuence#]:COUNt", "TRIG:COUN", 1, "%d", 1, 9999),
         Setting(":TRIGger[:SEQuence#]:DELay", "TRIG:DEL", 0.0, "%.3f", 0.0, 999999.999),
         Setting(":TRIGger[:SEQuence#]:SOURce", "TRIG:SOUR", "IMM"),
-        Setting(":SAMPle:COUNt", "TRIG:SAMP", 1, "%d", 1, 1024),
         Setting(":INITiate:CONTinuous", "TRIG:CONT", 0, ON_OFF),
         Setting(":TRACe:POINts", "TRAC:POIN", 100, "%d", 2, 1024),
         Setting(":TRACe:FEED", "TRAC:FEED", "SENS"),
@@ -98,7 +97,7 @@ class Keithley2000(Multimeter):
     def _define_commands(self) -> None:
         self._define_common()
         self._define_choice("[:SENSe#]:FUNCtion")
-        self._define_measuring("TRIG:SAMP")
+        self._define_measuring(lambda: int(self.settings["TRIG:COUN"]))
         define = self._tree.define
         self._define(":STATus:QUEue:CLEar", self.errors.clear)
         define(":CONFigure", ask=lambda _: f'"{self.function}"')
@@ -106,5 +105,4 @@ class Keithley2000(Multimeter):
             self._define_range(function, "[:SENSe#]:" + header, 120e6, "%+.8E")
             self._define(":CONFigure:" + header, partial(self.configure, function))
             define(f"[:SENSe#]:{header}:REFerence:ACQuire", set=lambda _: None)
-        define("[:SENSe#]:DATA[:LATest]", ask=lambda _: self.fetch())
         define("[:SENSe#]:DATA:FRESh", ask=lambda _: self.fetch(fresh=True))

@@ -175,19 +175,14 @@ class Keithley2400(SourceMeter):
         self._define_common()
         self._define_source()
         define = self._tree.define
-        define("[:SENSe#]:FUNCtion[:ON]", set=lambda p: self.choose_functions(self._named(p), True), ask=self._enabled)
-        define("[:SENSe#]:FUNCtion:OFF", set=lambda p: self.choose_functions(self._named(p), False))
-        for word, on in (("[:ON]", True), (":OFF", False)):
-            self._define(f"[:SENSe#]:FUNCtion{word}:ALL", partial(self.choose_functions, set(self.FUNCTIONS), on))
+        define("[:SENSe#]:FUNCtion[:ON]", set=lambda p: self.choose_functions(self._named(p)), ask=self._enabled)
+        self._define("[:SENSe#]:FUNCtion[:ON]:ALL", lambda: self.choose_functions(set(self.FUNCTIONS)))
         define("[:SENSe#]:RESistance:MODE", set=self._set_mode, ask=lambda _: str(self.settings["RES:MODE"]))
         self._define_range("RES", "[:SENSe#]:RESistance", 210e3, "%+.6E", 210e6)
         for function, header in self.FUNCTIONS.items():
-            self._define(":CONFigure:" + header, partial(self.configure, function))
             define(":MEASure:" + header, ask=partial(self._measure, function))
-        define(":MEASure", ask=lambda _: self.read(1))
         define(":READ", ask=lambda _: self.read(self._count()))
         define(":FETCh", ask=lambda _: self.fetch())
-        define("[:SENSe#]:DATA[:LATest]", ask=lambda _: self.fetch())
         self._define(":INITiate[:IMMediate]", lambda: self.initiate(self._count()))
         self._define(":ABORt", self.abort)
         define(":FORMat:ELEMents[:SENSe#]", set=self._choose_elements, ask=lambda _: ",".join(self.elements))
@@ -260,14 +255,11 @@ class Keithley2400(SourceMeter):
 
     # ---- measuring ------------------------------------------------------------------------------
 
-    def choose_functions(self, names: set[str], on: bool) -> None:
-        """Measure these too, or no longer; without concurrency the last ones only."""
+    def choose_functions(self, names: set[str]) -> None:
+        """Measure these too; without concurrency these only."""
         if not names <= self.FUNCTIONS.keys():
             raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
-        if on:
-            self.enabled = names if not self.settings["CONC"] else self.enabled | names
-        else:
-            self.enabled = self.enabled - names
+        self.enabled = self.enabled | names if self.settings["CONC"] else names
         self.send_test_current()
 
     def initiate(self, count: int = 1) -> None:

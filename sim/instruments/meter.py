@@ -433,12 +433,8 @@ class Multimeter(Meter):
             self._range_index = min(1, len(self._ranges) - 1)
         self.choose_function(function)
 
-    def _define_measuring(self, sample_count: str) -> None:
-        """READ, FETCh, ABORt, and CONFigure and MEASure of each function. sample_count: the name of that setting."""
-
-        def count() -> int:
-            return int(self.settings["TRIG:COUN"]) * int(self.settings[sample_count])
-
+    def _define_measuring(self, count: Callable[[], int]) -> None:
+        """READ, FETCh, INITiate and ABORt. count: of the readings that a trigger makes."""
         self._tree.define(":READ", ask=lambda _: self.read(count()))
         self._tree.define(":FETCh", ask=lambda _: self.fetch())
         self._define(":INITiate[:IMMediate]", lambda: self.store(count()))

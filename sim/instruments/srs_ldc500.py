@@ -31,7 +31,7 @@ CURRENT_MODE = 0  # of TMOD
 # command errors, LCME (p. 4-38)
 ILLEGAL, UNDEFINED, ILLEGAL_QUERY, ILLEGAL_SET, MISSING, EXTRA, NULL, BUFFER_OVERFLOW, BAD_FLOAT = range(1, 10)
 BAD_INTEGER, BAD_TOKEN, BAD_TOKEN_VALUE, BAD_HEXADECIMAL, UNKNOWN_TOKEN = range(10, 15)  # the same
-OUT_OF_RANGE, MODE_IS_LOCKED = 1, 2  # execution errors, LEXE: numbers not verified
+OUT_OF_RANGE = 1  # execution error, LEXE: number not verified
 
 SWITCH = ("OFF", "ON")
 # mnemonic -> its words, by number
@@ -40,9 +40,7 @@ TOKENS: dict[str, tuple[str, ...]] = {
     "TOKN": SWITCH,
     "TEON": SWITCH,
     "TMOD": ("CC", "CT"),
-    "TMLK": SWITCH,
     "TSNR": ("NTC10UA", "NTC100UA", "NTC1MA", "NTCAUTO", "RTD", "LM335", "AD590"),
-    "ULOC": SWITCH,
 }
 # mnemonic -> default, limits
 NUMBERS: dict[str, tuple[float, float, float]] = {
@@ -60,7 +58,7 @@ NUMBERS: dict[str, tuple[float, float, float]] = {
     "TRMX": (300.0, 0.0, 1000.0),
 }
 # default, least and largest of each
-INTEGERS: dict[str, tuple[int, int, int]] = {"*ESE": (0, 0, 255), "*SRE": (0, 0, 255), "TUNE": (0, 0, 5)}
+INTEGERS: dict[str, tuple[int, int, int]] = {"*ESE": (0, 0, 255)}
 PLAIN_COMMANDS = ("*CLS", "*OPC", "*WAI")
 UNIT = re.compile(r"(\*[A-Z]{3}|[A-Z]{4})(\?)?(.*)")
 
@@ -122,7 +120,6 @@ class SrsLdc500(SerialInstrument, Ticking):
             "TMOD": lambda value: self.change_mode(value),
             "TILM": lambda value: self.change_current_limit(value),
             "TEON": lambda value: self.switch(value),
-            "TUNE": lambda value: self._tune(value),
         }
         self._start_ticking(start_s)
 
@@ -218,20 +215,12 @@ class SrsLdc500(SerialInstrument, Ticking):
             raise ExecutionError(OUT_OF_RANGE)
         if name == "TCUR" and abs(value) > values["TILM"]:
             raise ExecutionError(OUT_OF_RANGE)
-        if name == "TMOD" and values["TMLK"] and values["TEON"] and value != values["TMOD"]:
-            raise ExecutionError(MODE_IS_LOCKED)
         if name in self._special:
             self._special[name](value)
             return
         values[name] = value
         if name in ("TCUR", "TVLM", "TPGN"):
             self.drive()
-
-    def _tune(self, value: float) -> None:
-        """Turn the output on, as autotune does; the tuning itself is not emulated."""
-        self.values["TUNE"] = value
-        if value:
-            self.switch(1.0)
 
     # ---- errors ---------------------------------------------------------------------------------
 

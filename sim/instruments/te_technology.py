@@ -18,7 +18,8 @@ own length on the wire. Not specified by the maker, and assumed here:
   wrong length are answered like a wrong sum;
 * a value outside its limits is acknowledged, as every write is, and not kept;
 * alarms are judged in the control loop; with `shutdown if alarm` they take the output away, for good if they latch;
-* an open sensor reads as the largest positive number.
+* an open sensor reads as the largest positive number;
+* it regulates by PID, whatever type of control is set.
 
 Not verified: the code that reads the TC-48-20's output enable back (here 64). Limits that the manuals leave open are
 wide; defaults are this emulator's, not the factory's.
@@ -36,10 +37,8 @@ from sim.instruments.instrument import Plant, SerialInstrument
 from sim.instruments.regulator import Regulator, Ticking
 
 FULL_POWER = 511  # of the power's scale, 100 %
-PID, COMPUTER = 1, 2  # types of control
 HIGH, LOW, OPEN_1, OPEN_2 = 1, 2, 16, 32  # bits of the alarms
 MODEL_CODE = 9613  # a TC-48-20's answer to code 00
-AMPS_PER_COUNT = 2.5  # of the current count, by the manual
 PER_GAIN = 100  # fixed point of the gains
 HEXADECIMAL = frozenset(b"0123456789abcdef")
 WIDE = 2**31 - 1  # the largest that eight hexadecimal digits hold, with a sign
@@ -95,18 +94,8 @@ MODELS = {
             Setting("units", b"32", b"4b", 1, 0, 1),
             Setting("reset latches", b"33", b"", 0, 0, 1),
             Setting("EEPROM", b"34", b"4c", 1, 0, 1),
-            Setting("heat multiplier", b"0c", b"5c", 100, 0, 200),
-            Setting("cool multiplier", b"0d", b"5d", 100, 0, 200),
         ),
-        {
-            b"01": "input 1",
-            b"06": "input 2",
-            b"02": "power",
-            b"04": "power",
-            b"03": "effective setpoint",
-            b"05": "alarms",
-            b"07": "current count",
-        },
+        {b"01": "input 1", b"06": "input 2", b"02": "power", b"05": "alarms"},
     ),
     "tc-48-20": Model(
         4,
@@ -160,9 +149,7 @@ class TeTechnology(SerialInstrument, Ticking):
             "input 1": lambda: self._fixed(plant.read_temperature_degC()),
             "input 2": lambda: self._fixed(plant.sink_temperature_degC()),
             "power": lambda: self.power,
-            "effective setpoint": lambda: self.values["setpoint"],
             "alarms": lambda: self.alarms,
-            "current count": lambda: round(abs(self.power) / FULL_POWER * full_power_A / AMPS_PER_COUNT),
             "model": lambda: MODEL_CODE,
         }
         self._reads |= {code: measured[name] for code, name in table.measured.items()}
@@ -231,7 +218,7 @@ class TeTechnology(SerialInstrument, Ticking):
         self.values[setting.name] = value
         if setting.name == "reset latches":
             self._tripped = False
-        if setting.name in ("power on", "control type", "reset latches") or self._control_type == COMPUTER:
+        if setting.name in ("power on", "reset latches"):
             self._regulator.start()
             self._drive(0.0)
 
@@ -248,16 +235,8 @@ class TeTechnology(SerialInstrument, Ticking):
 
     # ---- output ---------------------------------------------------------------------------------
 
-    @property
-    def _control_type(self) -> int:
-        return self.values.get("control type", PID)
-
     def _drive(self, percent: float) -> None:
         """Drive at this power, %, from now on, as far as the output may be on."""
-        if self._control_type == COMPUTER:
-            percent = min(FULL_POWER, max(-FULL_POWER, self.values["setpoint"])) / FULL_POWER * 100.0
-        multiplier = self.values.get("heat multiplier" if percent > 0.0 else "cool multiplier", 100) / 100.0
-        percent = min(100.0, max(-100.0, percent * multiplier))
         may = self.values["power on"] == 1 and not self._tripped and not self.alarms & OPEN_1
         self.power = round(percent / 100.0 * FULL_POWER) if may else 0
         current_A = self._heating_sign * self.power / FULL_POWER * self._full_power_A
@@ -268,20 +247,15 @@ class TeTechnology(SerialInstrument, Ticking):
         temperature_degC = self._plant.read_temperature_degC()
         self._judge(temperature_degC)
         values, percent = self.values, 0.0
-        if values["power on"] == 1 and not isnan(temperature_degC) and self._control_type != COMPUTER:
-            setpoint_degC = self._degC(values["setpoint"])
-            if self._control_type == PID:
-                integral_per_s = values["integral"] / PER_GAIN / 60.0
-                percent = self._regulator.step(
-                    setpoint_degC,
-                    temperature_degC,
-                    gain_percent_per_K=100.0 * self._model.per_degC / values["bandwidth"],
-                    integral_time_s=1.0 / integral_per_s if integral_per_s else 0.0,
-                    derivative_time_s=values["derivative"] / PER_GAIN * 60.0,
-                )
-            else:  # within a dead band
-                error_K = setpoint_degC - temperature_degC
-                percent = 0.0 if abs(error_K) < values["control deadband"] / 200.0 else 100.0 if error_K > 0 else -100.0
+        if values["power on"] == 1 and not isnan(temperature_degC):
+            integral_per_s = values["integral"] / PER_GAIN / 60.0
+            percent = self._regulator.step(
+                self._degC(values["setpoint"]),
+                temperature_degC,
+                gain_percent_per_K=100.0 * self._model.per_degC / values["bandwidth"],
+                integral_time_s=1.0 / integral_per_s if integral_per_s else 0.0,
+                derivative_time_s=values["derivative"] / PER_GAIN * 60.0,
+            )
         self._drive(percent)
 
     def _judge(self, temperature_degC: float) -> None:

@@ -68,7 +68,7 @@ def test_five_elements(host: Host, plant: StillPlant) -> None:
     assert int(float(status)) & 4096
     host.say("FUNC:CONC ON;FUNC:ALL")
     assert host.say(":READ?").startswith("+1.000000E+00,+1.000000E-04,+1.000000E+04,")
-    host.say("FUNC:OFF 'RES';FUNC:OFF 'CURR:DC';:SOUR:FUNC CURR;:SOUR:CURR 1E-3")
+    host.say("FUNC:CONC OFF;FUNC 'VOLT';:SOUR:FUNC CURR;:SOUR:CURR 1E-3")
     assert host.say(":READ?").startswith(f"+1.000000E+01,+1.000000E-03,{NAN},")
 
 

@@ -156,11 +156,6 @@ def test_changing_the_mode_is_bumpless(host: Host, plant: StillPlant) -> None:
     assert plant.current_A > 0.0
 
 
-def test_locked_mode(host: Host) -> None:
-    host.say("TMLK ON;TEON ON;TMOD CT")
-    assert host.say("LEXE?;TMOD?") == "2\r\n0\r\n"
-
-
 def test_regulation_needs_a_negative_gain(plant: StillPlant) -> None:
     for gain, sign in ((-1.0, 1), (-1.0, -1), (1.0, 1)):
         tec = SrsLdc500(plant, heating_sign=sign, start_s=plant.time_s)
@@ -176,11 +171,6 @@ def test_an_open_sensor_turns_off(host: Host, plant: StillPlant) -> None:
     assert host.say("TTRD?") == "nan\r\n"
     assert host.say("TEON?") == "0\r\n"
     assert plant.current_A == 0.0
-
-
-def test_autotune_turns_on(host: Host) -> None:
-    host.say("TUNE 1")
-    assert host.say("TUNE?;TEON?") == "1\r\n1\r\n"
 
 
 # ---- conversations --------------------------------------------------------------------------------
