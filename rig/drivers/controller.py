@@ -11,7 +11,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 from rig.core.clock import Clock
 from rig.core.errors import Disconnected, Refused
@@ -83,81 +83,20 @@ class OwnField:
     unit: str
 
 
-class TemperatureController(Protocol):
-    """Drives a Peltier element or a heater, and reads its thermometer.
+class TemperatureController:
+    """A driver of a Peltier element or a heater and its thermometer; a driver overrides what its instrument can do.
 
     commands_current: whether it takes a current (otherwise setpoints only). has_dead_man: whether it turns its output
     off by itself when the host falls silent. has_ramp: whether its own regulation takes a rate. confirms_off_by: the
     evidence behind a True of `off`, in words. dead_man_s: as set by `configure`, 0 before that and if it has none.
+    NAME: for people. LARGEST_CURRENT: that may be configured as the limit, A or share of full drive.
 
     All methods but `off` raise `rig.core.errors.InstrumentError`; a value that may not be commanded is a ValueError,
-    and nothing is sent. A user-defined driver may lack confirms_off_by, dead_man_s and clear_error.
-    """
-
-    LINE: ClassVar[LineSettings]
-    commands_current: ClassVar[bool]
-    has_dead_man: ClassVar[bool]
-    has_ramp: ClassVar[bool]
-    confirms_off_by: ClassVar[str]
-    transport: Transport
-    dead_man_s: float
-
-    def identify(self) -> Identity:
-        """Return the identity; Refused if it is no instrument of this driver's family."""
-
-    def configure(
-        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
-    ) -> None:
-        """Switch the output off, set limits and dead man and read them back; Refused if the read-back differs."""
-
-    def own_limits(self) -> OwnLimits:
-        """Read back the instrument's own limits, dead man and ramp."""
-
-    def set_ramp_K_per_s(self, ramp_K_per_s: float) -> None:
-        """Set the rate of the instrument's own regulation, 0 for as fast as it can; Refused if it has none."""
-
-    def arm_current(self) -> None:
-        """Switch the output on at 0 A, ready for `set_current_A`."""
-
-    def set_current_A(self, current_A: float) -> None:
-        """Set the current from now on, A; return when it is acknowledged."""
-
-    def arm_setpoint(self) -> None:
-        """Switch the output on under the instrument's own regulation, held at the temperature of now."""
-
-    def set_setpoint_degC(self, setpoint_degC: float) -> None:
-        """Set the target of the instrument's own regulation, degC; return when it is acknowledged."""
-
-    def read_temperature(self) -> Reading:
-        """Read the thermometer, degC."""
-
-    def read_current(self) -> Reading:
-        """Read the current that flows, A."""
-
-    def status(self) -> Status:
-        """Return the status that the instrument reports."""
-
-    def clear_error(self) -> None:
-        """Clear the error that it reports, limits and dead man as configured; Refused if the error stays."""
-
-    def off(self) -> bool:
-        """Switch the output off; return True only if the instrument reads back off, and no current if it can.
-
-        A plain "off" goes first, at once, then everything stronger. Ends within `OFF_S`, or one time-out more, against
-        a device that does not answer. Never raises.
-        """
-
-    def close(self) -> None:
-        """Let go of the port; the output stays as it is. Never raises."""
-
-
-class Controller:
-    """Base of the drivers: a controller that can do nothing until its driver says otherwise, and checks of commands.
-
-    NAME: for people. LARGEST_CURRENT: that may be configured as the limit, A or share of full drive.
+    and nothing is sent. A user-defined driver need not inherit from this class.
     """
 
     NAME: str = "this controller"
+    LINE: ClassVar[LineSettings]
     LARGEST_CURRENT: ClassVar[float] = inf
     drive_unit: ClassVar[str] = "A"
     cools: ClassVar[bool] = True
@@ -165,38 +104,72 @@ class Controller:
     has_dead_man: ClassVar[bool] = False
     has_ramp: ClassVar[bool] = False
     confirms_off_by: ClassVar[str] = "what its driver reads back; it shows no current"
-    dead_man_s: float = 0.0
     transport: Transport
+    dead_man_s: float = 0.0
     current_limit_A: float = nan
     temperature_limits_degC: tuple[float, float] = (nan, nan)
     _armed: str | None = None
 
+    def identify(self) -> Identity:
+        """Return the identity; Refused if it is no instrument of this driver's family."""
+        raise NotImplementedError
+
+    def configure(
+        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
+    ) -> None:
+        """Switch the output off, set limits and dead man and read them back; Refused if the read-back differs."""
+        raise NotImplementedError
+
     def own_limits(self) -> OwnLimits:
+        """Read back the instrument's own limits, dead man and ramp."""
         return OwnLimits()
 
     def set_ramp_K_per_s(self, ramp_K_per_s: float) -> None:
+        """Set the rate of the instrument's own regulation, 0 for as fast as it can; Refused if it has none."""
         raise Refused(None, f"{self.NAME} has no ramp of its own")
 
     def arm_current(self) -> None:
+        """Switch the output on at 0 A, ready for `set_current_A`."""
         raise Refused(None, f"{self.NAME} takes no current; use setpoints")
 
     def set_current_A(self, current_A: float) -> None:
+        """Set the current from now on, A; return when it is acknowledged."""
         raise Refused(None, f"{self.NAME} takes no current; use setpoints")
 
     def arm_setpoint(self) -> None:
+        """Switch the output on under the instrument's own regulation, held at the temperature of now."""
         raise Refused(None, f"{self.NAME} has no regulation of its own; it takes a drive")
 
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
+        """Set the target of the instrument's own regulation, degC; return when it is acknowledged."""
         raise Refused(None, f"{self.NAME} has no regulation of its own; it takes a drive")
 
-    def clear_error(self) -> None:
-        raise Refused(None, f"{self.NAME} cannot clear an error from here; clear it at the instrument")
+    def read_temperature(self) -> Reading:
+        """Read the thermometer, degC."""
+        raise NotImplementedError
 
     def read_current(self) -> Reading:
-        """Return that the current is not known; nothing is asked."""
+        """Read the current that flows, A; `INVALID`, and nothing is asked, if the instrument does not show it."""
         return Reading(nan, self.transport.clock.now_s(), Quality.INVALID)
 
+    def status(self) -> Status:
+        """Return the status that the instrument reports."""
+        raise NotImplementedError
+
+    def clear_error(self) -> None:
+        """Clear the error that it reports, limits and dead man as configured; Refused if the error stays."""
+        raise Refused(None, f"{self.NAME} cannot clear an error from here; clear it at the instrument")
+
+    def off(self) -> bool:
+        """Switch the output off; return True only if the instrument reads back off, and no current if it can.
+
+        A plain "off" goes first, at once, then everything stronger. Ends within `OFF_S`, or one time-out more, against
+        a device that does not answer. Never raises.
+        """
+        raise NotImplementedError
+
     def close(self) -> None:
+        """Let go of the port; the output stays as it is. Never raises."""
         self.transport.close()
 
     # ---- checks ---------------------------------------------------------------------------------

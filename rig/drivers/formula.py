@@ -17,7 +17,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import isnan, nan
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar
 
 from rig.core.reading import Quality, Reading
 from rig.drivers.identity import Identity
@@ -96,14 +96,7 @@ def check_output(output: str) -> None:
         raise ValueError(f"output {output!r}: a name and its unit are expected, as in 'curvature_per_m'")
 
 
-class VoltageMeter(Meter, Protocol):
-    """A meter that reads volts as well."""
-
-    def configure_voltage(self, nplc: float, range_V: float, four_wire: bool = False) -> None:
-        """Set DC volts in a range that has `range_V`."""
-
-
-class FormulaMeter:
+class FormulaMeter(Meter):
     """A `Meter` of the quantity `output`, by the formula `text` of another meter's voltage; range_V: of that meter.
 
     Time and quality are the voltage's. A voltage to which the formula gives no value is `INVALID`. Beyond the meter's
@@ -112,9 +105,10 @@ class FormulaMeter:
 
     LINE: ClassVar[LineSettings] = LineSettings()
 
-    def __init__(self, meter: VoltageMeter, output: str, text: str, range_V: float = 10.0) -> None:
+    def __init__(self, meter: Any, output: str, text: str, range_V: float = 10.0) -> None:
         check_output(output)
-        self.meter = meter
+        self.meter: Meter = meter
+        self._configure_voltage = meter.configure_voltage
         self.transport: Transport = meter.transport
         self.formula: Formula = formula(text)
         self._output, self._range_V = output, range_V
@@ -136,7 +130,7 @@ class FormulaMeter:
 
     def configure(self, four_wire: bool, nplc: float, max_test_current_A: float) -> None:
         """Set DC volts in the given range, with this integration time; wires and test current do not matter."""
-        self.meter.configure_voltage(nplc, self._range_V)
+        self._configure_voltage(nplc, self._range_V)
 
     def average(self, averaging: Averaging) -> None:
         """Let every reading be the formula of such a mean of voltages; Refused by a meter that has no filter."""
@@ -151,10 +145,6 @@ class FormulaMeter:
         value = self.formula(voltage.value) if voltage.is_number else nan
         quality = Quality.INVALID if voltage.is_number and isnan(value) else voltage.quality
         return Reading(value, voltage.time_s, quality)
-
-    def read(self) -> Reading:
-        self.start_reading()
-        return self.finish_reading()
 
     def off(self) -> bool:
         return self.meter.off()

@@ -40,10 +40,10 @@ from rig.drivers.controller import (
     OF_FULL_DRIVE,
     OFF_S,
     SETPOINTS,
-    Controller,
     OwnField,
     OwnLimits,
     Status,
+    TemperatureController,
     check_gains,
     confirmed_off,
 )
@@ -139,7 +139,7 @@ def _is_number(text: bytes, expected: bytes) -> bool:
     return text.isascii() and text.isdigit() and int(text) == int(expected)
 
 
-class LakeShoreController(Controller):
+class LakeShoreController(TemperatureController):
     """See `rig.drivers.controller.TemperatureController`.
 
     input: of the sensor, "A" or "B" (336: to "D"). output: 1 or 2. range: "low", "medium" or "high". max_current_A: of

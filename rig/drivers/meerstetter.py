@@ -29,10 +29,10 @@ from rig.drivers.controller import (
     OFF_S,
     SETPOINTS,
     STATUS_S,
-    Controller,
     OwnField,
     OwnLimits,
     Status,
+    TemperatureController,
     check_gains,
     confirmed_off,
     wait_until,
@@ -279,7 +279,7 @@ def meaning_of(number: int) -> tuple[str, str]:
     return "see the manual", f"see the manual's table of error numbers; {RESET}"
 
 
-class MeerstetterController(Controller):
+class MeerstetterController(TemperatureController):
     """One channel of a Meerstetter TEC controller; see `rig.drivers.controller.TemperatureController`.
 
     line: settings that the port was opened with. address: the device's, or 0 for the only one on the line.

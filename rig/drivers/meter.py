@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import copysign, inf, isfinite, isnan, log10, nan
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from rig.core.errors import Refused
 from rig.core.reading import Quality, Reading
@@ -42,13 +42,13 @@ class Averaging:
         return 0.5 * (aperture_s + (self.count - 1) * each_s)
 
 
-class Meter(Protocol):
-    """Reads the film's output.
+class Meter:
+    """A driver that reads the film's output.
 
     output: the film's output that it reads, by its name and unit in a model file; "minus_log10_ohm" if readings are in
     ohm, otherwise readings are in the unit that the name ends with. test_current_A: of the range in use, nan if it is
     not known. full_scale: of the range in use, in ohm or V, nan before `configure`. All methods but `off` and `close`
-    raise `rig.core.errors.InstrumentError`.
+    raise `rig.core.errors.InstrumentError`. A user-defined driver need not inherit from this class.
     """
 
     LINE: ClassVar[LineSettings]
@@ -57,35 +57,46 @@ class Meter(Protocol):
     @property
     def output(self) -> str:
         """Return name and unit of the film's output."""
+        raise NotImplementedError
 
     @property
     def test_current_A(self) -> float:
         """Return the current that the last reading was taken with, A."""
+        raise NotImplementedError
 
     @property
     def full_scale(self) -> float:
         """Return the full scale of the range that the last reading was taken in, ohm or V."""
+        raise NotImplementedError
 
     def identify(self) -> Identity:
         """Return the identity; Refused if it is no instrument of this driver's family."""
+        raise NotImplementedError
 
     def configure(self, four_wire: bool, nplc: float, max_test_current_A: float) -> None:
         """Set function, integration time in power line cycles, and ranges by test current; Refused."""
+        raise NotImplementedError
 
     def start_reading(self) -> None:
         """Begin a reading; return before it is there."""
+        raise NotImplementedError
 
     def finish_reading(self) -> Reading:
         """Return the reading that was begun."""
+        raise NotImplementedError
 
     def read(self) -> Reading:
         """Begin a reading and wait for it."""
+        self.start_reading()
+        return self.finish_reading()
 
     def off(self) -> bool:
         """Stop the test current until the next reading; return True only if that reads back. Never raises."""
+        raise NotImplementedError
 
     def close(self) -> None:
         """Let go of the port; a meter that sources its test current stops it first. Never raises."""
+        self.transport.close()
 
 
 ResistanceMeter = Meter  # that reads ohms

@@ -46,7 +46,17 @@ OF_A_FORMULA = ("formula", "output", "range_V")  # nor these, of a meter
 # ones each reading of a simulation would be up to two milliseconds earlier or later than the time before
 FIRST_NUMBERS = ("first_token", "first_sequence")
 # that a user-defined controller may lack
-OPTIONAL = {"transport", "confirms_off_by", "dead_man_s", "clear_error"}
+OPTIONAL = {
+    "transport",
+    "confirms_off_by",
+    "dead_man_s",
+    "clear_error",
+    "NAME",
+    "LARGEST_CURRENT",
+    "drive_unit",
+    "cools",
+}
+OPTIONAL |= {"current_limit_A", "temperature_limits_degC"}
 IN_WORDS = {int: "a whole number", float: "a finite number", str: "text in quotes", bool: "true or false"}
 OpenPort = Callable[[str, LineSettings], Any]
 
@@ -98,10 +108,8 @@ def _own_class(role: str, name: str) -> Any:
     if driver is None:
         raise ValueError(f"{role} {name!r}: there is no class {kind} in it")
     protocol = TemperatureController if role == "controller" else Meter
-    needed = {member for member in (*vars(protocol), "LINE") if not member.startswith("_")}
-    if role == "controller":
-        needed |= set(protocol.__annotations__)
-    missing = sorted(member for member in needed - OPTIONAL if not hasattr(driver, member))
+    members = {*vars(protocol), *protocol.__annotations__} - OPTIONAL
+    missing = sorted(name for name in members if not (name.startswith("_") or hasattr(driver, name)))
     if missing:
         raise ValueError(f"{role} {name!r}: it lacks {', '.join(missing)}")
     return driver
@@ -153,7 +161,7 @@ def _is(value: Any, kind: type) -> bool:
 
 
 def open_controller(
-    name: str, port: str, clock: Clock, *, open_port: OpenPort = open_port, **options: Any
+    name: str, port: str, clock: Clock, *, open_port: Any = open_port, **options: Any
 ) -> TemperatureController:
     """Open the temperature controller `name` at `port`; nothing is sent yet.
 
@@ -164,7 +172,7 @@ def open_controller(
     return cast(TemperatureController, _open("controller", name, port, clock, open_port, options))
 
 
-def open_meter(name: str, port: str, clock: Clock, *, open_port: OpenPort = open_port, **options: Any) -> Meter:
+def open_meter(name: str, port: str, clock: Clock, *, open_port: Any = open_port, **options: Any) -> Meter:
     """Open the meter `name` at `port`; otherwise as `open_controller`.
 
     With the options `formula`, `output` and `range_V` it reads a voltage that stands for another quantity
@@ -228,7 +236,8 @@ def searches(port: str) -> list[tuple[str, str, dict[str, Any]]]:
     for name, (role, _) in DRIVERS.items():
         kind = _driver_class(role, name)
         if not port.startswith("visa://") or getattr(kind, "ON_VISA", True):
-            found += [(role, name, options) for options in getattr(kind, "SEARCH", ({},))]
+            asked_with: tuple[dict[str, Any], ...] = getattr(kind, "SEARCH", ({},))
+            found += [(role, name, options) for options in asked_with]
     return found
 
 

@@ -23,7 +23,7 @@ from typing import Any, ClassVar
 from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.identity import Identity, retry_once
-from rig.drivers.meter import LINE_PERIOD_S, LOG_RESISTANCE, Averaging, resistance_reading, voltage_reading
+from rig.drivers.meter import LINE_PERIOD_S, LOG_RESISTANCE, Averaging, Meter, resistance_reading, voltage_reading
 from rig.drivers.scpi import ScpiLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
@@ -37,7 +37,7 @@ BEYOND = re.compile(r"[+-]?9\.9\d*[Ee]\+?37")  # 9.9E37 and 9.91E37 with as many
 Expected = float | str | Callable[[str], bool]  # answer to a question for a setting
 
 
-class ScpiMeter:
+class ScpiMeter(Meter):
     """A `rig.drivers.meter.Meter`; the class attributes and hooks of each meter say how to speak to it.
 
     line: settings that the port was opened with. test_currents_A: full scale, ohm -> test current, A. first_range_ohm:
@@ -267,10 +267,6 @@ class ScpiMeter:
             return Reading(reading.value, time_s, Quality.SETTLING)
         return reading
 
-    def read(self) -> Reading:
-        self.start_reading()
-        return self.finish_reading()
-
     def off(self) -> bool:
         """Stop the test current until the next reading; return True only if that reads back. Never raises."""
         self._rests = True
@@ -282,9 +278,6 @@ class ScpiMeter:
             except Exception:  # whatever it was, the next attempt matters more
                 self.link.doubt()
         return False
-
-    def close(self) -> None:
-        self.transport.close()
 
     # ---- ranges and settings --------------------------------------------------------------------
 

@@ -37,10 +37,10 @@ from rig.drivers.controller import (
     SETPOINTS,
     STARTED_S,
     STATUS_S,
-    Controller,
     OwnField,
     OwnLimits,
     Status,
+    TemperatureController,
     check_gains,
     confirmed_off,
     wait_until,
@@ -153,7 +153,7 @@ class SrsLink(ScpiLink):
         super()._await_token(attempt)
 
 
-class SrsLdc500Controller(Controller):
+class SrsLdc500Controller(TemperatureController):
     """See `rig.drivers.controller.TemperatureController`.
 
     line: settings that the port was opened with. heating_sign: +1 if positive current heats as the element is wired,

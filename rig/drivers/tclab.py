@@ -35,7 +35,7 @@ from typing import ClassVar
 
 from rig.core.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, Refused
 from rig.core.reading import Quality, Reading
-from rig.drivers.controller import DRIVES, OF_FULL_DRIVE, OFF_S, Controller, Status, confirmed_off
+from rig.drivers.controller import DRIVES, OF_FULL_DRIVE, OFF_S, Status, TemperatureController, confirmed_off
 from rig.drivers.identity import Identity, retry_once
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
@@ -161,7 +161,7 @@ class TcLabLink:
         return f"{self._token / 100.0:.2f}"
 
 
-class TcLabController(Controller):
+class TcLabController(TemperatureController):
     """See `rig.drivers.controller.TemperatureController`.
 
     heater: 1 or 2, with the thermometer of that number; the other one stays off. full_pwm: what full drive is, of 255.

@@ -53,10 +53,10 @@ from rig.drivers.controller import (
     SETPOINTS,
     STARTED_S,
     STATUS_S,
-    Controller,
     OwnField,
     OwnLimits,
     Status,
+    TemperatureController,
     check_gains,
     confirmed_off,
     wait_until,
@@ -344,7 +344,7 @@ def _value(data: bytes) -> int:
     return value - (1 << 4 * len(data)) if data[0] >= 0x38 else value
 
 
-class TeTechnologyController(Controller):
+class TeTechnologyController(TemperatureController):
     """See `rig.drivers.controller.TemperatureController`.
 
     model: "tc-36-25" or "tc-48-20". address: 0, or that of an RS-485 model. gap_s: from a reply to the next request
