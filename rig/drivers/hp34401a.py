@@ -15,8 +15,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
+from rig.drivers.scpi import ScpiLink
 from rig.drivers.scpi_meter import ScpiMeter
 from rig.ports.open import LineSettings
 
@@ -25,14 +26,22 @@ TEST_CURRENTS_A: Mapping[float, float] = MappingProxyType(
     {1e2: 1e-3, 1e3: 1e-3, 1e4: 1e-4, 1e5: 1e-5, 1e6: 5e-6, 1e7: 5e-7, 1e8: 5e-7}
 )
 NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)  # that it has
-CLEAR_S = 0.05  # after ^C
+
+
+class Hp34401ALink(ScpiLink):
+    """The line of the meter."""
+
+    END: ClassVar[bytes] = b"\n"
+    ABORT: ClassVar[bytes] = b"\x03"
+    CLEAR_S: ClassVar[float] = 0.05
+    WAKE: bytes = b"SYST:REM"
 
 
 class Hp34401AMeter(ScpiMeter):
     """A `rig.drivers.meter.Meter`; options as in `ScpiMeter`."""
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=9600, bytesize=7, parity="E", stopbits=2)
-    LINK: ClassVar[Mapping[str, Any]] = {"end": b"\n", "abort": b"\x03", "clear_s": CLEAR_S, "wake": b"SYST:REM"}
+    LINK: ClassVar[type[ScpiLink]] = Hp34401ALink
     NAME: ClassVar[str] = "HP 34401A"
     MAKERS: ClassVar[tuple[str, ...]] = ("HEWLETT", "AGILENT", "KEYSIGHT")
     MODELS: ClassVar[tuple[str, ...]] = ("34401",)

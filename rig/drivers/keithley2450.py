@@ -12,11 +12,10 @@ of an output that is off.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from rig.drivers.keithley2400 import SourceMeter
+from rig.drivers.scpi import ScpiLink
 from rig.drivers.scpi_meter import Expected
 from rig.ports.open import LineSettings
 
@@ -24,11 +23,18 @@ DIGITS = 8  # significant ones of a number
 ELEMENTS = '"defbuffer1",SOUR,READ'
 
 
+class Keithley2450Link(ScpiLink):
+    """The line of the meter."""
+
+    END: ClassVar[bytes] = b"\n"
+    ABORT: ClassVar[bytes] = b""
+
+
 class Keithley2450Meter(SourceMeter):
     """A `rig.drivers.meter.Meter`; options as in `ScpiMeter`. The output stays on between readings."""
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=115200)  # no line of its own has a baud rate
-    LINK: ClassVar[Mapping[str, Any]] = MappingProxyType({"end": b"\n", "abort": b""})
+    LINK: ClassVar[type[ScpiLink]] = Keithley2450Link
     NAME: ClassVar[str] = "Keithley 2450"
     MODELS: ClassVar[tuple[str, ...]] = ("2450",)
     AVERAGE: ClassVar[str] = ":SENS:{function}:AVER"

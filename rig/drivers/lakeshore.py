@@ -52,7 +52,6 @@ from rig.drivers.scpi import ScpiLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
-ANSWER_S = 0.3  # until an answer begins: it takes commands every 50 ms, and another may be under way
 BITS = (1, 4, 16, 32, 128)  # of the event status enable register that are used
 TOKENS = tuple(sorted(sum(bits) for bits in product(*((0, bit) for bit in BITS)) if any(bits)))
 ERRORS = {4: "query error", 8: "device error", 16: "execution error", 32: "command error"}
@@ -73,28 +72,17 @@ NUMBER = re.compile(r"[+-]?\d{1,6}(\.\d{0,6})?([eE][+-]?\d{1,2})?")
 
 
 class LakeShoreLink(ScpiLink):
-    """The line of one instrument. byte_s: of a character on the line, s. Otherwise as `ScpiLink`."""
+    """The line of one instrument; as `ScpiLink`."""
 
-    def __init__(
-        self,
-        transport: Transport,
-        *,
-        byte_s: float,
-        first_token: int | None = None,
-        after_resynchronisation: Callable[[], None] | None = None,
-    ) -> None:
-        super().__init__(
-            transport,
-            terminator=b"\r\n",
-            end=b"\n",
-            abort=b"",
-            byte_s=byte_s,
-            answer_s=ANSWER_S,
-            first_token=first_token,
-            after_resynchronisation=after_resynchronisation,
-        )
+    TERMINATOR: ClassVar[bytes] = b"\r\n"
+    END: ClassVar[bytes] = b"\n"
+    ABORT: ClassVar[bytes] = b""
+    ANSWER_S: ClassVar[float] = 0.3  # it takes commands every 50 ms, and another may be under way
+    _left = b""
+
+    def __init__(self, transport: Transport, **options: Any) -> None:
+        super().__init__(transport, **options)
         self._count = self._token
-        self._left = b""
 
     def is_token(self, text: str) -> bool:
         """Return True for the token that the line before has left, if a question asks for it in between."""

@@ -20,14 +20,13 @@ from __future__ import annotations
 import random
 import re
 from collections.abc import Callable
+from typing import ClassVar
 
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
 from rig.ports.transport import Transport
 
 TRIALS = 3  # one answer may be hurt, and its repetition by the same disturbance
 RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three the line is dead
-# until an answer begins, unless a driver says otherwise: meters answer within 50 ms unless they measure
-ANSWER_S = 0.5
 LONGEST_ANSWER = 100  # characters, for the time that they take
 LOOK_S = 0.005  # to look for an answer whose time has passed while nobody asked: it may have come long ago
 TOKEN = re.compile(rb"\s*\+?0*(\d{1,3})\s*")
@@ -35,48 +34,43 @@ ERROR = re.compile(r'(?:.*;)?\s*([+-]?\d+)\s*,\s*(?:"([^"]*)"|([^";]*))\s*')  # 
 
 
 class ScpiLink:
-    """One instrument. terminator: of its answers; end: of our messages; byte_s: of a character on the line, s.
+    """One instrument. byte_s: of a character on the line, s. in_doubt: the next question brings the line in step first.
 
-    abort: the character that makes it drop its work; clear_s: how long that takes before it listens again, s. wake: a
-    message that it needs before any other. answer_s: for answers that take no measurement, s. after_resynchronisation:
-    called when the line is in step again, so that the driver checks what the instrument still remembers.
+    after_resynchronisation: called when the line is in step again, so that the driver checks what the instrument still
+    remembers. TERMINATOR: of its answers; END: of our messages; ABORT: the character that makes it drop its work;
+    CLEAR_S: how long that takes before it listens again, s. WAKE: a message that it needs before any other. ANSWER_S:
+    until an answer begins that takes no measurement; meters answer within 50 ms.
     """
+
+    TERMINATOR: ClassVar[bytes] = b"\n"
+    END: ClassVar[bytes] = b"\r"
+    ABORT: ClassVar[bytes] = b"\x18"
+    CLEAR_S: ClassVar[float] = 0.0
+    WAKE: bytes = b""
+    ANSWER_S: ClassVar[float] = 0.5
 
     def __init__(
         self,
         transport: Transport,
         *,
-        terminator: bytes = b"\n",
-        end: bytes = b"\r",
-        abort: bytes = b"\x18",
-        clear_s: float = 0.0,
-        wake: bytes = b"",
         byte_s: float,
-        answer_s: float = ANSWER_S,
         first_token: int | None = None,
         after_resynchronisation: Callable[[], None] | None = None,
     ) -> None:
         self.transport = transport
-        self._terminator, self._end = terminator, end
-        self._abort, self._clear_s, self._wake = abort, clear_s, wake
-        self._byte_s, self._answer_s = byte_s, answer_s + LONGEST_ANSWER * byte_s
+        self._byte_s, self._answer_s = byte_s, self.ANSWER_S + LONGEST_ANSWER * byte_s
         self._token = random.randrange(1, 256) if first_token is None else first_token
         self._expected = b""
-        self._in_doubt = True
+        self.in_doubt = True
         self._pending = False
         self._deadline_s = 0.0
         self._after_resynchronisation = after_resynchronisation
         self.arrived_s = 0.0
         self.errors: list[tuple[int, str]] = []
 
-    @property
-    def in_doubt(self) -> bool:
-        """Return True if the next question has to bring the line in step first."""
-        return self._in_doubt
-
     def doubt(self) -> None:
         """Resynchronise before the next question, because something was wrong with an answer."""
-        self._in_doubt = True
+        self.in_doubt = True
 
     def forget(self) -> None:
         """Give up on the answer that is under way; the next question brings the line in step."""
@@ -89,9 +83,9 @@ class ScpiLink:
         """
         if self._pending:
             self._pending = False
-            self._in_doubt = True
+            self.in_doubt = True
             raise OutOfStep("a question is asked while another waits for its answer")
-        if self._in_doubt or self._has_unasked():
+        if self.in_doubt or self._has_unasked():
             self.resynchronise(trials)
         extra_s = LONGEST_ANSWER * self._byte_s
         self._send(message, self._answer_s if answer_s is None else answer_s + extra_s)
@@ -107,7 +101,7 @@ class ScpiLink:
             if not token.strip().isdigit() or not answer:
                 raise Corrupt(f"{line!r} is no answer")
             raise OutOfStep(f"answer with token {token!r} where {self._expected!r} was left: {line!r}")
-        self._in_doubt = False
+        self.in_doubt = False
         return answer.decode("latin-1")
 
     def ask(self, message: str, answer_s: float | None = None) -> str:
@@ -144,7 +138,7 @@ class ScpiLink:
     def shout(self, message: str) -> None:
         """Send a line at once, whatever the instrument is doing, and wait for no answer."""
         self.doubt()
-        self.transport.send(self._end + message.encode("ascii") + self._end)
+        self.transport.send(self.END + message.encode("ascii") + self.END)
 
     def explain_silence(self, message: str) -> None:
         """Raise Refused if the error queue says why an answer did not come."""
@@ -162,10 +156,10 @@ class ScpiLink:
     def ask_alone(self, message: str) -> str:
         """Return the answer to a question that must stand alone (*IDN?); resynchronise before and after."""
         self.resynchronise()
-        self._in_doubt = True
-        self.transport.send(message.encode("ascii") + self._end)
+        self.in_doubt = True
+        self.transport.send(message.encode("ascii") + self.END)
         deadline_s = self.transport.clock.now_s() + self._answer_s
-        answer = self.transport.receive_line(self._terminator, deadline_s).decode("latin-1").strip()
+        answer = self.transport.receive_line(self.TERMINATOR, deadline_s).decode("latin-1").strip()
         self.resynchronise()
         return answer
 
@@ -183,14 +177,14 @@ class ScpiLink:
 
     def _receive_answer(self, deadline_s: float) -> bytes:
         """Return the answers to the message that was sent, in one line."""
-        return self.transport.receive_line(self._terminator, deadline_s)
+        return self.transport.receive_line(self.TERMINATOR, deadline_s)
 
     def _send(self, message: str, answer_s: float) -> None:
         # in doubt until the answer is here, whatever interrupts us
-        self._in_doubt = True
+        self.in_doubt = True
         self._expected = b"%d" % self._token
         self._token = self._next_token()
-        data = f"{message};*ESE?;*ESE {self._token}".encode("ascii") + self._end
+        data = f"{message};*ESE?;*ESE {self._token}".encode("ascii") + self.END
         transport = self.transport
         transport.send(data)
         now_s = transport.clock.now_s()
@@ -203,12 +197,12 @@ class ScpiLink:
         try:
             self._resynchronise(trials)
         except BaseException:
-            self._in_doubt = True  # perhaps in step, but nobody knows what the instrument is set to
+            self.in_doubt = True  # perhaps in step, but nobody knows what the instrument is set to
             raise
 
     def _resynchronise(self, trials: int) -> None:
         self._pending = False
-        self._in_doubt = True
+        self.in_doubt = True
         problem: InstrumentError | None = None
         for attempt in range(trials):
             try:
@@ -237,17 +231,17 @@ class ScpiLink:
         token = self._token = self._next_token()
         transport = self.transport
         transport.drain()
-        if self._clear_s:
-            transport.send(self._abort)
-            transport.clock.sleep_until_s(transport.clock.now_s() + self._clear_s)
+        if self.CLEAR_S:
+            transport.send(self.ABORT)
+            transport.clock.sleep_until_s(transport.clock.now_s() + self.CLEAR_S)
             transport.drain()
-        opening = (b"" if self._clear_s else self._abort) + self._end
-        if self._wake:
-            opening += self._wake + self._end
-        data = opening + b"*ESE %d;*ESE?" % token + self._end
+        opening = (b"" if self.CLEAR_S else self.ABORT) + self.END
+        if self.WAKE:
+            opening += self.WAKE + self.END
+        data = opening + b"*ESE %d;*ESE?" % token + self.END
         transport.send(data)
         deadline_s = transport.clock.now_s() + self._answer_s
-        while not _is_token(transport.receive_line(self._terminator, deadline_s), b"%d" % token):
+        while not _is_token(transport.receive_line(self.TERMINATOR, deadline_s), b"%d" % token):
             pass
 
 

@@ -18,7 +18,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from math import isfinite, isnan, nan
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.core.reading import Quality, Reading
@@ -43,13 +43,13 @@ class ScpiMeter(Meter):
     line: settings that the port was opened with. test_currents_A: full scale, ohm -> test current, A. first_range_ohm:
     where ranging begins. None: as the class says.
 
-    LINK: options of `ScpiLink`. MAKERS, MODELS: one of each is in the identity. NPLCS: least and largest integration
+    LINK: how it is spoken to. MAKERS, MODELS: one of each is in the identity. NPLCS: least and largest integration
     time. OVERRANGE: share of full scale that a range still shows. VOLTS: its name for DC volts. READ: the two questions
     of a reading. NUMBER: form of a reading. AVERAGE: header of its filter, with its {function}; empty if it has none.
     """
 
     LINE: ClassVar[LineSettings]
-    LINK: ClassVar[Mapping[str, Any]] = {}
+    LINK: ClassVar[type[ScpiLink]] = ScpiLink
     NAME: ClassVar[str]
     MAKERS: ClassVar[tuple[str, ...]] = ("KEITHLEY",)
     MODELS: ClassVar[tuple[str, ...]]
@@ -74,12 +74,11 @@ class ScpiMeter(Meter):
         first_token: int | None = None,
     ) -> None:
         self.transport = transport
-        self.link = ScpiLink(
+        self.link = self.LINK(
             transport,
             byte_s=(self.LINE if line is None else line).byte_s,
             first_token=first_token,
             after_resynchronisation=self._check_after_doubt,
-            **self.LINK,
         )
         if first_range_ohm is not None and first_range_ohm <= 0.0:
             raise ValueError(f"first_range_ohm {first_range_ohm}: more than 0 is expected")

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from math import isfinite, nan
 from typing import Any, ClassVar
 
@@ -51,7 +51,6 @@ from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
 LONGEST_LINE = 64  # bytes of its input buffer
-ANSWER_S = 0.3  # until an answer begins: it takes commands one by one, some 10 ms each
 LOGGED_S = 0.02  # until an error can be asked for
 COMMAND_ERRORS = {
     1: "illegal command",
@@ -78,26 +77,12 @@ NUMBER = re.compile(r"[+-]?\d{1,6}(\.\d{0,9})?([eE][+-]?\d{1,2})?")
 
 
 class SrsLink(ScpiLink):
-    """The line of one instrument. byte_s: of a character on the line, s. Otherwise as `ScpiLink`."""
+    """The line of one instrument; as `ScpiLink`."""
 
-    def __init__(
-        self,
-        transport: Transport,
-        *,
-        byte_s: float,
-        first_token: int | None = None,
-        after_resynchronisation: Callable[[], None] | None = None,
-    ) -> None:
-        super().__init__(
-            transport,
-            end=b"\n",
-            abort=b"",
-            byte_s=byte_s,
-            answer_s=ANSWER_S,
-            first_token=first_token,
-            after_resynchronisation=after_resynchronisation,
-        )
-        self._questions = 1
+    END: ClassVar[bytes] = b"\n"
+    ABORT: ClassVar[bytes] = b""
+    ANSWER_S: ClassVar[float] = 0.3  # it takes commands one by one, some 10 ms each
+    _questions = 1
 
     def command(self, message: str) -> None:
         """Send a command, and raise Refused with the error that it left."""
@@ -149,7 +134,7 @@ class SrsLink(ScpiLink):
         return self.transport.has_more and bool(self.transport.drain().strip())
 
     def _await_token(self, attempt: int) -> None:
-        self._wake = b"TERM 3" if attempt else b""
+        self.WAKE = b"TERM 3" if attempt else b""
         super()._await_token(attempt)
 
 

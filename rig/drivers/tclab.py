@@ -78,25 +78,20 @@ class TcLabLink:
         self._byte_s, self._answer_s = byte_s, answer_s
         self._token = random.randrange(1, LARGEST_TOKEN + 1) if first_token is None else first_token
         self.listens_s = transport.clock.now_s() + boot_s  # the past, once it has answered
-        self._in_doubt = True
+        self.in_doubt = True
         self.sent_s = 0.0  # when the last group was sent
         self.resynchronised = 0
 
-    @property
-    def in_doubt(self) -> bool:
-        """Return True if the next group has to bring the line in step first."""
-        return self._in_doubt
-
     def doubt(self) -> None:
         """Resynchronise first, because something was wrong with a reply."""
-        self._in_doubt = True
+        self.in_doubt = True
 
     def ask(self, *commands: str) -> list[str]:
         """Return the replies to some commands, proven by a fence. TimedOut, Corrupt, OutOfStep, Disconnected."""
         transport = self.transport
-        if self._in_doubt or transport.has_more:
+        if self.in_doubt or transport.has_more:
             self.resynchronise()
-        self._in_doubt = True
+        self.in_doubt = True
         expected = self._next_token()
         data = "\n".join((*commands, f"{self._fence} {expected}\n")).encode("ascii")
         if len(data) > LONGEST_GROUP:
@@ -110,12 +105,12 @@ class TcLabLink:
             raise OutOfStep(f"{fence!r} came back where {expected!r} was expected: replies are out of step")
         if transport.has_more:
             raise OutOfStep("there were more replies than commands")
-        self._in_doubt = False
+        self.in_doubt = False
         return replies
 
     def shout(self, command: str) -> None:
         """Send a command at once, whatever the line is doing, and wait for no reply."""
-        self._in_doubt = True
+        self.in_doubt = True
         self.transport.send(END + command.encode("ascii") + END)
 
     def resynchronise(self, trials: int = RESYNCHRONISATIONS, *, boots: bool = True) -> None:
@@ -123,7 +118,7 @@ class TcLabLink:
 
         boots: whether a board that was opened just now is given the time until it listens.
         """
-        self._in_doubt = True
+        self.in_doubt = True
         if boots:
             self.transport.clock.sleep_until_s(self.listens_s)
         problem: InstrumentError | None = None
@@ -135,7 +130,7 @@ class TcLabLink:
             except InstrumentError as error:
                 problem = error
             else:
-                self._in_doubt = False
+                self.in_doubt = False
                 self.listens_s = self.transport.clock.now_s()
                 self.resynchronised += 1
                 return

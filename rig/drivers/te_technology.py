@@ -186,20 +186,15 @@ class TeLink:
         self._byte_s = byte_s
         self._patience_s = answer_s + (2 * model.digits + 12) * byte_s
         self._token = random.randrange(1, LARGEST_TOKEN + 1) if first_token is None else first_token
-        self._in_doubt = True
+        self.in_doubt = True
         self._quiet_s = 0.0  # when the last byte came or went
         self.arrived_s = 0.0  # when the last request had arrived
         self.arrivals_s: list[float] = []  # of the requests of the last sequence, without its fence
         self.resynchronised = 0
 
-    @property
-    def in_doubt(self) -> bool:
-        """Return True if the next sequence has to bring the line in step first."""
-        return self._in_doubt
-
     def doubt(self) -> None:
         """Resynchronise first, because something was wrong with a reply."""
-        self._in_doubt = True
+        self.in_doubt = True
 
     def sequence(self, *requests: Request, trials: int = RESYNCHRONISATIONS) -> list[int]:
         """Return the replies to some requests, proven by a fence behind them.
@@ -207,9 +202,9 @@ class TeLink:
         A write whose reply is not its value is OutOfStep. TimedOut, Corrupt, OutOfStep, Disconnected.
         """
         transport = self.transport
-        if self._in_doubt or transport.has_more:
+        if self.in_doubt or transport.has_more:
             self.resynchronise(trials)
-        self._in_doubt = True
+        self.in_doubt = True
         unasked = transport.stale_bytes
         replies, self.arrivals_s = [], []
         for code, value in requests:
@@ -223,7 +218,7 @@ class TeLink:
             raise OutOfStep(f"{reply} came back where {expected} was expected: replies are out of step")
         if transport.stale_bytes != unasked:
             raise OutOfStep("there were more replies than requests")
-        self._in_doubt = False
+        self.in_doubt = False
         return replies
 
     def shout(self, code: bytes, value: int) -> None:
@@ -232,7 +227,7 @@ class TeLink:
         A request that begins while the instrument still answers the one before is lost (the manual warns of sending too
         fast), hence the repetition, for longer than an exchange takes.
         """
-        self._in_doubt = True
+        self.in_doubt = True
         clock = self.transport.clock
         frame = self._frame(code, value)
         for _ in range(SHOUTS):
@@ -251,7 +246,7 @@ class TeLink:
 
     def resynchronise(self, trials: int = RESYNCHRONISATIONS) -> None:
         """Listen until the line is silent, then send fences until one comes back."""
-        self._in_doubt = True
+        self.in_doubt = True
         problem: InstrumentError | None = None
         for attempt in range(trials):
             try:
@@ -264,7 +259,7 @@ class TeLink:
             except InstrumentError as error:
                 problem = error
             else:
-                self._in_doubt = False
+                self.in_doubt = False
                 self.resynchronised += 1
                 return
         raise problem or OutOfStep("the line cannot be brought in step")
