@@ -20,7 +20,7 @@ from rig.drivers.identity import Identity
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
-OFF_S = 0.7  # for all of a controller's ways to switch off: what is sent later only feeds its dead man
+OFF_S = 0.7  # for all of a controller's ways to switch off: a later command would only feed its dead man
 STATUS_S = 0.3  # a status that changes one control step (0.1 to 0.3 s) after the command is waited for
 STARTED_S = 0.5  # the same when the output is switched on: until a status says "running"
 LOOK_S = 0.02  # between two looks at a status

@@ -294,7 +294,7 @@ class LakeShoreController(TemperatureController):
         return Status(", ".join(words), bool(heater or sensor), in_range > 0, heater or sensor)
 
     def off(self) -> bool:
-        """Set RANGE 0, again and again; return True if the range and the output (HTR) say so. Never raises."""
+        """Set RANGE 0, again and again; return True if range and output (HTR) read back off. Never raises."""
         self._armed = None
         return confirmed_off(self.transport, ((self._off_once, OFF_S),), self.link.doubt)
 

@@ -451,7 +451,7 @@ class MeerstetterController(TemperatureController):
     def off(self) -> bool:
         """Set 2010 = 0 and 50000 = 0; then 0 A (50001, by the live source); then the emergency stop (ES). Never raises.
 
-        Return True if 2010, the status and the current say so.
+        Return True if 2010, the status and the current read back off.
         """
         self._armed = None
         ways = ((self._plainly_off, STATUS_S), (self._off_and_zero, ZERO_S), (self._emergency_stop, OFF_S))

@@ -246,7 +246,7 @@ def tries(
 ) -> Iterator[Tried]:
     """Let each driver ask at a port who is there, until one is answered. PortHeld, Disconnected.
 
-    What is asked changes nothing, but it is sent to whatever is there: only if the user says so. asks: called before
+    The questions change nothing, but any instrument there receives them: only if the user says so. asks: called before
     each driver with a text that names it, as a port that stays silent costs some seconds a driver. first: drivers that
     are likely there.
     """

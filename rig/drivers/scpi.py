@@ -172,7 +172,7 @@ class ScpiLink:
         return self._token % 255 + 1
 
     def _has_unasked(self) -> bool:
-        """Return True if bytes are there that nobody has asked for."""
+        """Return True if bytes have come unasked."""
         return self.transport.has_more
 
     def _receive_answer(self, deadline_s: float) -> bytes:
@@ -197,7 +197,7 @@ class ScpiLink:
         try:
             self._resynchronise(trials)
         except BaseException:
-            self.in_doubt = True  # perhaps in step, but nobody knows what the instrument is set to
+            self.in_doubt = True  # perhaps in step, but the settings of the instrument are not known
             raise
 
     def _resynchronise(self, trials: int) -> None:

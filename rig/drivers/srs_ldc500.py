@@ -283,7 +283,7 @@ class SrsLdc500Controller(TemperatureController):
     def off(self) -> bool:
         """Set TEON 0; then TEON 0 and 0 A (TMOD CC, TCUR 0). Never raises. The manual knows no emergency stop.
 
-        Return True if TEON and the current that flows say so.
+        Return True if TEON and the current that flows read back off.
         """
         self._armed = None
         ways = ((self._plainly_off, STATUS_S), (self._off_and_zero, OFF_S))

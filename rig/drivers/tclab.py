@@ -53,7 +53,7 @@ OLDEST = (1, 4)  # of firmware: those before take whole percents only
 NUMBER = re.compile(r"-?\d{1,3}\.\d{2,3}")
 RESOLUTION_PERCENT = 0.006  # replies have two decimals or three
 LOWEST_DEGC, HIGHEST_DEGC = -40.0, 150.0  # of its thermometers, TMP36; beyond it is an open input
-LONGEST_BOOT_S = 10.0  # an Arduino needs two seconds; `peltier off` waits for it where nobody answers
+LONGEST_BOOT_S = 10.0  # an Arduino needs two seconds; `peltier off` waits for it if no answer comes
 FIRMWARE_PWM = 200  # its default for heater 1
 
 

@@ -16,7 +16,7 @@ its output enable reads back by code 64 (not verified: `power_read_code`); the m
 Frames have lower-case hexadecimal and an 8-bit sum (`sim.instruments.te_technology`); nothing in a reply names its
 request. What makes up for that:
 
-* one request at a time, `gap_s` after the last byte; bytes that nobody has asked for put the line in doubt;
+* one request at a time, `gap_s` after the last byte; bytes that come unasked put the line in doubt;
 * a fence closes every sequence of requests. If the model has a register that can hold anything without a consequence, a
   number that counts up is written there, and the reply to a write is the value; otherwise a value that no temperature
   has is read. The instrument answers in order, so if every request has had one reply, and the fence its own, then none
@@ -29,10 +29,10 @@ request. What makes up for that:
   changes the value by a multiple of 15 units, 0.15 K, which is more than `agreement_K`.
 
 Residual: of single faults none, as each of them leaves one frame too many or too few before the fence. A fence that
-only reads a constant cannot tell an old one from a new one: there `drain_s` has to outlast the longest delay. Of double
-faults (one reply lost, another doubled) in one sequence, a reading made twice can be its first half twice: right, and
-one exchange older than its time says. A plate faster than 3 K/s moves by more than the agreement between two readings
-at 9600 Bd, and is never read.
+only reads a constant does not distinguish an old reply from a new one: there `drain_s` has to outlast the longest
+delay. Of double faults (one reply lost, another doubled) in one sequence, a reading made twice can be its first half
+twice: right, and one exchange older than its time says. A plate faster than 3 K/s moves by more than the agreement
+between two readings at 9600 Bd, and is never read.
 
 At 9600 Bd an exchange takes 45 ms, a temperature three of them, a setpoint three: a period of 0.5 s is right.
 """

@@ -131,14 +131,14 @@ def _have_open(port: str) -> list[tuple[int, bool]]:
 
 
 def is_still_trying(process: int) -> bool:
-    """Whether a process is one that still tries to switch an output off (`rig.guard.keep_trying`)."""
+    """Return True for a process that still tries to switch an output off (`rig.guard.keep_trying`)."""
     with contextlib.suppress(OSError):
         return Path(f"/proc/{process}/comm").read_text().strip() == STILL_TRYING
     return False
 
 
 def _is_far_end(process: int, device: str) -> bool:
-    """Whether a process serves the pseudo-terminal `device`: it has the master of that number."""
+    """Return True if a process serves the pseudo-terminal `device`: it has the master of that number."""
     directory, _, number = device.rpartition("/")
     if directory != "/dev/pts":
         return False

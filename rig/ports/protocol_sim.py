@@ -44,7 +44,7 @@ def register(name: str, instrument: Instrument, clock: Clock) -> str:
 
 
 def unregister(name: str) -> None:
-    """Pull the plug; ports that are open find nobody from now on."""
+    """Pull the plug: open ports find no instrument from now on."""
     _lines.pop(name, None)
 
 
@@ -54,7 +54,7 @@ def look_up(name: str) -> Line | None:
 
 
 class Serial(SerialBase):
-    """The port. Line settings are kept but change nothing: the emulator has its own baud rate."""
+    """A simulated port. Line settings are kept but change nothing: the emulator has its own baud rate."""
 
     _line: Line | None = None
     _instrument: Instrument

@@ -6,7 +6,7 @@ pyserial finds this module by its name, `protocol_` and the scheme, so that what
 needs the extra `visa` (PyVISA, and PyVISA-py where no maker's VISA library is installed; `PYVISA_LIBRARY` chooses).
 
 On these buses a message has an end of its own and an instrument speaks when it is asked: lines go out one by one with
-the bus's END behind the last character, a message that comes in is a line even where it has no line feed, and the
+the bus's END behind the last character, a message that comes in is a line even if it has no line feed, and the
 character that aborts (^X, ^C) becomes the bus's device clear. So it is for instruments whose lines end in LF. Serial
 lines and sockets under a VISA name are streams: bytes go as they are, a message ends with LF.
 
@@ -44,7 +44,7 @@ def _resource_manager(manager: Any, library: str | None) -> Any:
 
 
 class Serial(SerialBase):
-    """The port. Line settings count for a serial line under a VISA name, and for nothing else."""
+    """A port of VISA's. Line settings count for a serial line under a VISA name, and for nothing else."""
 
     _resource: Any = None
     _buffer = b""
@@ -107,7 +107,7 @@ class Serial(SerialBase):
 
     @property
     def in_waiting(self) -> int:
-        """Return how many bytes remain of the last message: there is no other, as nobody speaks unasked."""
+        """Return how many bytes remain of the last message: there is no other, as no instrument speaks unasked."""
         self._require()
         return len(self._buffer)
 

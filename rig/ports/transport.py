@@ -64,7 +64,7 @@ class Transport:
         self.heard_s: float | None = None
         self.heard, self.lines = b"", 0
         self._received = b""
-        self._asked, self._asked_s = b"", 0.0  # what was sent last, and when
+        self._asked, self._asked_s = b"", 0.0  # the last message, and when it was sent
 
     def send(self, data: bytes) -> None:
         """Discard what came unasked, then write. TimedOut if the line is stuck, Disconnected."""
@@ -158,7 +158,7 @@ class Transport:
 
     def _error(self, error: BaseException) -> InstrumentError:
         if isinstance(error, SerialTimeoutException):
-            return TimedOut(self.named("the line does not take what is written"))
+            return TimedOut(self.named("the line takes no bytes"))
         return Disconnected(self.named(f"the port is gone: check its cable and its supply ({error_in_words(error)})"))
 
 
@@ -222,7 +222,7 @@ def not_understood(heard: bytes, lines: int) -> str | None:
     """
     strange = sum(byte not in PRINTABLE for byte in heard)
     if strange > STRANGE_SHARE * len(heard):
-        return f"what came is no text, as with another baud rate or parity: {heard!r}"
+        return f"the bytes are no text, as with another baud rate or parity: {heard!r}"
     if lines or not heard:
         return None
     end = ENDS.get(heard[-1:]) if heard[-2:] != b"\r\n" else "CR LF"

@@ -146,7 +146,7 @@ class Hp34401A(Multimeter):
     # ---- the line -------------------------------------------------------------------------------
 
     def receive(self, data: bytes, time_s: float) -> None:
-        """See `Instrument.receive`. What comes while DTR is down is lost after some characters."""
+        """See `Instrument.receive`. While DTR is down all but some characters are lost."""
         clear = data.rfind(b"\x03")
         if clear >= 0:
             super().receive(data[: clear + 1], time_s)
@@ -224,6 +224,6 @@ class Hp34401A(Multimeter):
         super().reset()
 
     def configure(self, function: str) -> None:
-        """See `Multimeter.configure`; what was kept is forgotten."""
+        """See `Multimeter.configure`; kept readings are discarded."""
         self.stored = None
         super().configure(function)

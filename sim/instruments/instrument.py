@@ -107,7 +107,7 @@ class SerialInstrument:
         return self._replies[0][0] if self._replies else self._next_reply_s()
 
     def _send(self, data: bytes, begin_s: float) -> None:
-        """Begin to send at `begin_s`, or when what was sent before has gone."""
+        """Begin to send at `begin_s`, or when the reply before has been sent."""
         self._sending_until_s = max(begin_s, self._sending_until_s) + len(data) * self._byte_s
         self._replies.append((self._sending_until_s, data))
 

@@ -237,7 +237,7 @@ class Meter(ScpiInstrument):
         return frozenset({identity, error, clear})
 
     def _define_commands(self) -> None:
-        """Define what is this meter's own."""
+        """Define the commands that only this meter has."""
         raise NotImplementedError
 
     # ---- ranges ---------------------------------------------------------------------------------
@@ -308,7 +308,7 @@ class Meter(ScpiInstrument):
         return 1
 
     def digitize(self) -> str:
-        """Return the text of what is measured now; empty if the range has changed and it has to measure again."""
+        """Measure now and return the text; empty if the range has changed and it has to measure again."""
         raise NotImplementedError
 
     def filtered(self, value: float) -> float:
