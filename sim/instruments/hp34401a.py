@@ -172,7 +172,7 @@ class Hp34401A(Multimeter):
         return any("?" in message for _, message in self._messages)
 
     def _run(self, call: Call) -> None:
-        if not self.remote and call.handler not in self._in_local:
+        if not self.remote and call.func not in self._in_local:
             self.push_error(str(ScpiError(*ONLY_IN_REMOTE)))
             self._calls.clear()
             return

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from math import inf
 from typing import ClassVar
@@ -41,17 +41,7 @@ ILLEGAL_PARAMETER_VALUE = (-224, "Illegal parameter value")
 
 Parameters = tuple[str, ...]
 Handler = Callable[[Parameters], str | None]
-
-
-@dataclass(frozen=True, slots=True)
-class Call:
-    """A unit of a message: its command's handler and parameters. The call of an unknown header raises."""
-
-    handler: Handler
-    parameters: Parameters
-
-    def __call__(self) -> str | None:
-        return self.handler(self.parameters)
+Call = partial[str | None]  # a unit of a message: its command's handler with the parameters
 
 
 def _undefined(_: Parameters) -> str | None:
@@ -115,13 +105,13 @@ class CommandTree:
             form = ASK if header.endswith("?") else SET
             header = header.rstrip("?").upper()
             if header.lstrip(":").startswith("*"):
-                calls.append(Call(self._handlers.get(((header.lstrip(":"),), form), _undefined), parameters))
+                calls.append(partial(self._handlers.get(((header.lstrip(":"),), form), _undefined), parameters))
                 continue
             words = tuple(self._short.get(word, word) for word in header.lstrip(":").split(":"))
             relative = words if header.startswith(":") else (*path, *words)
             where = relative if (relative, form) in self._handlers else words
             path = where[:-1]
-            calls.append(Call(self._handlers.get((where, form), _undefined), parameters))
+            calls.append(partial(self._handlers.get((where, form), _undefined), parameters))
         return calls
 
 
