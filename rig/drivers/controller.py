@@ -187,11 +187,12 @@ class TemperatureController:
     def _check_current(self, current_A: float) -> None:
         """Raise ValueError for a current or drive outside the configured limit; Refused before there is one."""
         limit, unit = self.current_limit_A, self.drive_unit
+        if abs(current_A) <= limit and (self.cools or current_A >= 0.0):  # never with a limit that is nan
+            return
         self._require_configured()
         if current_A < 0.0 and not self.cools:
             raise ValueError(f"{current_A} {unit}: {self.NAME} cannot cool; 0 to {limit:g} is expected")
-        if not abs(current_A) <= limit:
-            raise ValueError(f"{current_A} {unit} is outside the configured {'+-' if self.cools else '0 to '}{limit:g}")
+        raise ValueError(f"{current_A} {unit} is outside the configured {'+-' if self.cools else '0 to '}{limit:g}")
 
     def _check_setpoint(self, setpoint_degC: float) -> None:
         """Raise ValueError for a setpoint outside the configured limits."""

@@ -69,7 +69,7 @@ class SerialInstrument:
     its replies on the wire with `_send`.
     """
 
-    ENDS: ClassVar[bytes] = b"\r\n"  # characters that each end a line
+    ENDS: ClassVar[tuple[bytes, ...]] = (b"\r", b"\n")  # characters that each end a line
     LONGEST_PARTIAL: ClassVar[int] = 2048  # characters that are kept of a line without an end
 
     def __init__(self, plant: Plant, *, byte_s: float, start_s: float) -> None:
@@ -83,9 +83,10 @@ class SerialInstrument:
     def receive(self, data: bytes, time_s: float) -> None:
         begin_s = max(time_s, self._receiving_until_s)
         already, data = len(self._partial), self._partial + data
-        for end in self.ENDS[1:]:
-            data = data.replace(b"%c" % end, self.ENDS[:1])
-        *lines, rest = data.split(self.ENDS[:1])
+        one_end, *others = self.ENDS
+        for end in others:
+            data = data.replace(end, one_end)
+        *lines, rest = data.split(one_end)
         for line in lines:
             begin_s += (len(line) + 1 - already) * self._byte_s
             already = 0

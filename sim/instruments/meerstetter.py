@@ -123,7 +123,7 @@ class MeerstetterTec(SerialInstrument, Ticking):
     (183 by the manual's table); 0 for none.
     """
 
-    ENDS: ClassVar[bytes] = b"\r"
+    ENDS: ClassVar[tuple[bytes, ...]] = (b"\r",)
 
     def __init__(
         self,

@@ -135,13 +135,15 @@ def number(parameters: Parameters, minimum: float, maximum: float, default: floa
     """Return the one numeric parameter, within its limits; MINimum, MAXimum and DEFault are words for numbers."""
     if len(parameters) != 1:
         raise ScpiError(*MISSING_PARAMETER)
-    word = parameters[0].upper()
-    words = {"MIN": minimum, "MAX": maximum, "DEF": default}
-    words |= {"MINIMUM": minimum, "MAXIMUM": maximum, "DEFAULT": default}
     try:
-        value = words[word] if word in words else float(word)
+        value = float(parameters[0])
     except ValueError:
-        raise ScpiError(*NUMERIC_DATA_ERROR) from None
+        words = {"MIN": minimum, "MAX": maximum, "DEF": default}
+        words |= {"MINIMUM": minimum, "MAXIMUM": maximum, "DEFAULT": default}
+        word = parameters[0].upper()
+        if word not in words:
+            raise ScpiError(*NUMERIC_DATA_ERROR) from None
+        value = words[word]
     if not minimum <= value <= maximum:
         raise ScpiError(*DATA_OUT_OF_RANGE)
     return value

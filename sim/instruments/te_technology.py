@@ -121,7 +121,7 @@ class TeTechnology(SerialInstrument, Ticking):
     heats as it is wired. baudrate: of the line, 1/s; None: the model's own; inf takes no time.
     """
 
-    ENDS: ClassVar[bytes] = b"\r^"  # a request ends with CR; the manual's alarm examples end with `^`
+    ENDS: ClassVar[tuple[bytes, ...]] = (b"\r", b"^")  # the manual's alarm examples end with `^`
     LONGEST_PARTIAL: ClassVar[int] = 64
 
     def __init__(
