@@ -180,7 +180,8 @@ def test_an_adapter_that_comes_back_in_the_silence(armed: Bench) -> None:
     controller, wrapped, plant, clock = armed("meerstetter", "deaf to all")
     protocol_sim.unregister("disobedient")
     verdict = switch_off(
-        controller, alive=lambda: protocol_sim.look_up("disobedient") or protocol_sim.register("disobedient", wrapped, clock)
+        controller,
+        alive=lambda: protocol_sim.look_up("disobedient") or protocol_sim.register("disobedient", wrapped, clock),
     )
     assert verdict.confirmed
     assert plant.current_A == 0.0
