@@ -180,7 +180,7 @@ class TemperatureController:
         if not (isfinite(current_limit_A) and 0.0 < current_limit_A <= self.LARGEST_CURRENT):
             unit = "A" if self.drive_unit == "A" else "as a share of full drive"
             most = f" and at most {self.LARGEST_CURRENT:g}" if isfinite(self.LARGEST_CURRENT) else ""
-            raise ValueError(f"current limit {current_limit_A:g}: {self.NAME} expected more than 0{most} {unit}")
+            raise ValueError(f"current limit {current_limit_A:g}: expected more than 0{most} {unit} for {self.NAME}")
         if not (isfinite(low_degC) and isfinite(high_degC) and low_degC < high_degC):
             raise ValueError(f"temperature limits {low_degC}, {high_degC} degC: two rising numbers are expected")
 

@@ -107,7 +107,7 @@ class LakeShoreLink(ScpiLink):
         rest, _, own = super()._receive_answer(deadline_s).rpartition(b";")
         answer, _, left = rest.rpartition(b";")
         if not _is_number(left, self._left):
-            raise OutOfStep(f"token {left!r} where {self._left!r} was left")
+            raise OutOfStep(f"the answer has token {left!r}, and the line before left {self._left!r}")
         return answer + b";" + own
 
     def _empty_error_queue(self) -> None:

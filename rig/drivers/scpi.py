@@ -100,7 +100,7 @@ class ScpiLink:
         if token != self._expected and not _is_token(token, self._expected):
             if not token.strip().isdigit() or not answer:
                 raise Corrupt(f"{line!r} is no answer")
-            raise OutOfStep(f"answer with token {token!r} where {self._expected!r} was left: {line!r}")
+            raise OutOfStep(f"the answer has token {token!r}, and the message before left {self._expected!r}: {line!r}")
         self.in_doubt = False
         return answer.decode("latin-1")
 

@@ -210,7 +210,7 @@ class TeLink:
         for code, value in requests:
             reply = self._ask(code, value)
             if value is not None and reply != value:
-                raise OutOfStep(f"{value} was written by code {code.decode()}, and {reply} acknowledged")
+                raise OutOfStep(f"code {code.decode()} was set to {value}, and {reply} acknowledged")
             replies.append(reply)
             self.arrivals_s.append(self.arrived_s)
         expected, reply = self._fence()
@@ -443,7 +443,7 @@ class TeTechnologyController(TemperatureController):
             (number,) = self._exchange((b"43", None))
             wrong = not 0 <= number <= 5
         if wrong:
-            raise Refused(None, f"what answers reads {number}, and is no {self._model.name}")
+            raise Refused(None, f"the instrument answers {number}, and is no {self._model.name}")
         return Identity("TE Technology", self._model.name, "", "")
 
     @retry_once

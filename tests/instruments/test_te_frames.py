@@ -193,7 +193,7 @@ def test_a_request_that_could_not_be_read_is_sent_again(attach: Attach, clock: V
 
 def test_a_wrong_acknowledgement_is_out_of_step(attach: Attach, clock: VirtualClock) -> None:
     te, conversation = link(attach, clock, [FENCE[0], (summed(b"001c000000fa", b"\r"), summed(b"000000c8", b"^"))])
-    with pytest.raises(OutOfStep, match="250 was written"):
+    with pytest.raises(OutOfStep, match="set to 250, and 200"):
         te.sequence((b"1c", 250))
     conversation.assert_over()
 
