@@ -93,12 +93,6 @@ class SrsLink(ScpiLink):
         """Ask for errors, when they have been logged, and raise Refused for `message`."""
         clock = self.transport.clock
         clock.sleep_until_s(clock.now_s() + LOGGED_S)
-        self._ask_for_errors()
-        if self.errors:
-            raise Refused(self.errors[0][0], f"{self.errors[0][1]}: {message}")
-
-    def _ask_for_errors(self) -> None:
-        self.errors = []
         execution, _, command = self.ask("LEXE?;LCME?").partition(";")
         try:
             execution_code, command_code = int(execution), int(command)
@@ -106,12 +100,11 @@ class SrsLink(ScpiLink):
             self.doubt()
             raise Corrupt(f"{execution!r} and {command!r} are no error numbers") from None
         if command_code:
-            self.errors.append((command_code, COMMAND_ERRORS.get(command_code, "command error")))
+            raise Refused(command_code, f"{COMMAND_ERRORS.get(command_code, 'command error')}: {message}")
         if execution_code:
-            self.errors.append((execution_code, "execution error"))
+            raise Refused(execution_code, f"execution error: {message}")
 
     def _empty_error_queue(self) -> None:
-        self.errors = []
         self._send("LEXE?;LCME?", self._answer_s)
         self.finish()
 
