@@ -83,7 +83,7 @@ def life(folder: Path, seed: int, from_s: float, to_s: float) -> None:
     from rig.daemon.keeper import Keeper
     from rig.daemon.systemd import Notifier
     from rig.files.configuration import read_configuration
-    from rig.ports import registry
+    from rig.ports import protocol_sim
 
     chance = random.Random(seed)
     plain = benches.register
@@ -121,7 +121,7 @@ def life(folder: Path, seed: int, from_s: float, to_s: float) -> None:
             next_s["unplug"] = now_s + chance.uniform(0.5, 1.5) * 8 * HOUR_S
             events["unplugs"] += 1
             for name in plugged:
-                registry.unregister(name)
+                protocol_sim.unregister(name)
         if desk.latch is not None:
             events["lost"] += 1
             desk.reset("the benchmark goes on")

@@ -22,8 +22,8 @@ from rig.drivers.registry import check_options, controller_class, meter_class, o
 from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable
 from rig.guard.line import UNGUARDED, Guard
 from rig.ports.open import open_elsewhere
-from rig.ports.registry import register, unregister
-from rig.ports.silence import nobody_answers
+from rig.ports.protocol_sim import register, unregister
+from rig.ports.transport import nobody_answers
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter, emulator_options
 from sim.world.plant import SimulatedPlant

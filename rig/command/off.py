@@ -121,7 +121,7 @@ def _switched_off(held: Held, target: str | None) -> int:
 
     from rig.daemon.systemd import Notifier
     from rig.guard.keep_trying import keep_trying
-    from rig.ports.silence import nobody_answers
+    from rig.ports.transport import nobody_answers
     from rig.safety.switching_off import off_confirmed, switch_off
 
     begin = time.monotonic()

@@ -28,7 +28,7 @@ from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
 from rig.drivers.meter import LOG_RESISTANCE, film_output, on_since_s
 from rig.files.run_folder import RunFolder
-from rig.ports.silence import fallen_silent
+from rig.ports.transport import fallen_silent
 from rig.safety.after_off import Courses
 from rig.safety.bench_watch import BenchWatch, Sent, is_reading, status_in_words, status_of
 from rig.safety.first_plate import KnownPlate

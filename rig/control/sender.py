@@ -16,7 +16,7 @@ from dataclasses import replace
 from rig.bench.assembly import Bench
 from rig.control.decision import Decision
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, TimedOut, of_whom
-from rig.ports.silence import fallen_silent
+from rig.ports.transport import fallen_silent
 from rig.safety.bench_watch import OFF, BenchWatch, Sent
 from rig.safety.interlock import Limits
 

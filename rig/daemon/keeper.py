@@ -25,8 +25,7 @@ from rig.daemon.job_run import JobRun
 from rig.daemon.row import row_of
 from rig.daemon.systemd import EndTold, Notifier
 from rig.daemon.worker import Worker
-from rig.drivers.controller import TemperatureController
-from rig.drivers.heater_drive import drive_unit
+from rig.drivers.controller import TemperatureController, drive_unit
 from rig.files.configuration import ConfigurationFile
 from rig.guard.line import UNGUARDED, Guard, say_who_died
 from rig.safety.signals import SignalStop

@@ -15,7 +15,7 @@ from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
 from rig.control.law_units import LawUnits
 from rig.core.faults import Faults, fault
-from rig.drivers.heater_drive import OF_FULL_DRIVE
+from rig.drivers.controller import OF_FULL_DRIVE
 from rig.files.configuration import Configuration
 from rig.files.target import Target
 

@@ -9,7 +9,8 @@ from compensator.control.own_pid import OwnPid, design_own_pid
 from compensator.control.whole_law import NOISES_K
 from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
-from rig.drivers.own_gains import OwnField, configured_pid, own_fields, set_pid
+from rig.drivers.controller import OwnField
+from rig.drivers.own_gains import configured_pid, own_fields, set_pid
 from rig.files.configuration import Configuration
 
 

@@ -23,7 +23,7 @@ from rig.control.decision import AT_THE_TICK, Decision, ReadAt
 from rig.control.loop import Loop
 from rig.core.outcome import Tripped
 from rig.core.reading import Reading
-from rig.drivers.heater_drive import cools
+from rig.drivers.controller import cools
 from rig.files.configuration import Configuration
 from rig.safety.bench_watch import OFF, BenchWatch, Sent
 from rig.safety.first_plate import KnownPlate, first_plate

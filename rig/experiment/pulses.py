@@ -13,7 +13,7 @@ from compensator.thermal.plate import Kind
 from rig.control.loop import Loop
 from rig.control.policies import CurrentProfile
 from rig.core.outcome import Tripped
-from rig.drivers.heater_drive import cools
+from rig.drivers.controller import cools
 from rig.files.configuration import Configuration
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target

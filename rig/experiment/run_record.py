@@ -22,7 +22,7 @@ from rig.control.tick import Progress, Tick
 from rig.core.columns import OF_A_RUN
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
-from rig.drivers.heater_drive import drive_unit
+from rig.drivers.controller import drive_unit
 from rig.drivers.meter import LOG_RESISTANCE
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, plain_json

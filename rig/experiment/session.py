@@ -21,7 +21,7 @@ from rig.control.loop import Loop
 from rig.control.policies import CurrentProfile, Follow, Setpoints
 from rig.control.tick import Progress, Tick
 from rig.core.faults import fault
-from rig.drivers.heater_drive import cools, drive_unit
+from rig.drivers.controller import cools, drive_unit
 from rig.drivers.meter import LOG_RESISTANCE, column_of
 from rig.experiment.calibration import Calibration, identify_calibration, record_calibration
 from rig.experiment.compiling import compile_ahead

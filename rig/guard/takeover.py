@@ -8,11 +8,8 @@ that would feed its dead man: `rig.safety.switching_off`.
 
 from __future__ import annotations
 
-import contextlib
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from types import ModuleType
 from typing import Any
 
 import serial
@@ -48,19 +45,20 @@ def prepare(held: Held) -> None:
 
 def driver_of(held: Held) -> Any:
     """The class of its driver."""
-    from rig.drivers.registry import METERS, controller_class, driver_class
+    from rig.drivers.registry import controller_class, meter_class
 
-    return controller_class(held.driver) if held.role == "controller" else driver_class(METERS, "meter", held.driver)
+    return (controller_class if held.role == "controller" else meter_class)(held.driver)
 
 
 def opened(held: Held, locked: bool = True) -> Any:
     """Its driver, on its port. locked: whether the port's lock is asked for; a process about to be gone may have it."""
     from rig.core.clock import RealClock
-    from rig.drivers import registry
+    from rig.drivers.registry import open_controller, open_meter
+    from rig.ports.open import open_port
 
-    opener = registry.open_controller if held.role == "controller" else registry.open_meter
-    with contextlib.nullcontext() if locked else _unlocked(registry):
-        return opener(held.driver, held.port, RealClock(), **held.options)
+    opener = open_controller if held.role == "controller" else open_meter
+    way = open_port if locked else _open_unlocked
+    return opener(held.driver, held.port, RealClock(), open_port=way, **held.options)
 
 
 def off_at_once(held: Held) -> Verdict | None:
@@ -143,20 +141,10 @@ def _named(held: Held, verdict: Verdict) -> Verdict:
     return verdict if verdict.confirmed else Verdict(False, f"{held.port}: {verdict.text}", verdict.said_s)
 
 
-@contextlib.contextmanager
-def _unlocked(registry: ModuleType) -> Iterator[None]:
-    """In this process, the guard's own, drivers open their ports without the lock."""
+def _open_unlocked(port: str, settings: Any) -> Any:
+    """Open a port without its lock, which a process about to be gone may have."""
     from rig.ports.open import settings_at
 
-    with_lock = registry.open_port
-
-    def open_port(port: str, settings: Any) -> Any:
-        settings = settings_at(port, settings)
-        line = {name: getattr(settings, name) for name in ("baudrate", "bytesize", "parity", "stopbits", "xonxoff")}
-        return serial.serial_for_url(port, **line, timeout=0, write_timeout=WRITE_TIMEOUT_S)
-
-    setattr(registry, "open_port", open_port)  # noqa: B010
-    try:
-        yield
-    finally:
-        setattr(registry, "open_port", with_lock)  # noqa: B010
+    settings = settings_at(port, settings)
+    line = {name: getattr(settings, name) for name in ("baudrate", "bytesize", "parity", "stopbits", "xonxoff")}
+    return serial.serial_for_url(port, **line, timeout=0, write_timeout=WRITE_TIMEOUT_S)

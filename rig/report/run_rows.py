@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rig.core.faults import Faults, fault
-from rig.drivers.heater_drive import OF_FULL_DRIVE
+from rig.drivers.controller import OF_FULL_DRIVE
 from rig.files.json_text import parsed_json
 from rig.files.run_folder import RunFolder, plain_json
 

@@ -23,7 +23,7 @@ from rig.experiment.expected import still_to_come
 from rig.files.configuration import read_configuration
 from rig.files.run_folder import part_of
 from rig.history import reading
-from rig.ports.registry import unregister
+from rig.ports.protocol_sim import unregister
 from tests.daemon.benches import LONGEST_S, SERVE, RunningBench, running, until, write_current
 
 SHORT = '["start 0 A", "hold 0.2 s"]'
