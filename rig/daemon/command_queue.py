@@ -22,7 +22,7 @@ from rig.core.reading import Quality, Reading
 from rig.daemon.announcer import Announcer, post_webhook
 from rig.daemon.configurations import admit, history_folder, model_of
 from rig.daemon.job import Job, JobQueue, JobStopped, new_id, report_of
-from rig.daemon.latch import LATCH, OFF_CONTRADICTED, STOPPED, Latch, LatchKeeper, latch_at_start, tripped
+from rig.daemon.latch import LATCH, OFF_CONTRADICTED, STOPPED, Latch, LatchStore, latch_at_start, tripped
 from rig.daemon.output_lock import Off, OutputLock
 from rig.daemon.status_text import job_in_words, span
 from rig.drivers.identity import Identity
@@ -113,7 +113,7 @@ class CommandQueue:
         self.writer = Writer(self.folder / HISTORY, self._open_history, *callbacks)
         self.writer.open()
         found = latch_at_start(self.folder / LATCH, history_was_there, self.writer.store, self.label_s())
-        self.latches = LatchKeeper(self.folder / LATCH, *found)
+        self.latch_store = LatchStore(self.folder / LATCH, *found)
         self._latch_not_off()
         # True: the temperature has contradicted an "off"; none is believed until a reset
         self.contradicted = self.latch is not None and self.latch.cause == OFF_CONTRADICTED
@@ -121,7 +121,7 @@ class CommandQueue:
     @property
     def latch(self) -> Latch | None:
         """The latch that keeps jobs from starting until a reset."""
-        return self.latches.held
+        return self.latch_store.held
 
     def label_s(self) -> float:
         """Return Unix seconds: a label, never a basis of control."""
@@ -196,16 +196,16 @@ class CommandQueue:
     def _published(self, row: dict[str, Any]) -> None:
         """Take a row that was committed, or has to wait for that (writer's thread)."""
         self.recent.append(row)
-        latch = self.latches.reported
+        latch = self.latch_store.reported
         if latch is not None and latch.state != STOPPED and latch.add_row(row):
             self.writer.do(lambda store: self._save_trip(store, latch))
         self.announcer.announce("row", row)
 
     def _after_rows(self, store: Store) -> None:
         """Save the trip that rows follow, and that the latch has a file; latch a late finding (writer's thread)."""
-        if not store.has_latch and self.latches.on_disk:
+        if not store.has_latch and self.latch_store.on_disk:
             store.mark_latch()
-        latch = self.latches.reported
+        latch = self.latch_store.reported
         if latch is not None and latch.state != STOPPED and latch.number is None:
             self._save_trip(store, latch)  # it came from the latch's file, or the history had no room for it
         if self._not_off is not None:
@@ -216,8 +216,8 @@ class CommandQueue:
     def _latch_not_off(self) -> None:
         """Latch an output that the guard could not confirm off when the daemon's process died."""
         if self._not_off is not None:
-            self.latches.hold(tripped(OFF_CONTRADICTED, self._not_off, self.label_s(), self.recent))
-            self.latches.save()
+            self.latch_store.hold(tripped(OFF_CONTRADICTED, self._not_off, self.label_s(), self.recent))
+            self.latch_store.save()
         self._not_off = None
 
     def _save_trip(self, store: Store, latch: Latch) -> None:
@@ -240,7 +240,7 @@ class CommandQueue:
             self.output_lock.stop(Tripped("history", text, self.clock.now_s()))
         else:
             self.enter_in_log(text)
-        self.latches.save_again()
+        self.latch_store.save_again()
         self.changed()
 
     def _history_reports(self, line: str, stays: bool) -> None:
@@ -255,7 +255,7 @@ class CommandQueue:
         """Write everything to disk, or report what is missing."""
         if lacks := self.writer.stop():
             self.enter_in_log(f"{lacks}; run folders are in {self.folder}")
-        self.latches.close()
+        self.latch_store.close()
         self.announcer.close()
 
     # -- events on the bench -------------------------------------------------------------------------------------
@@ -291,9 +291,9 @@ class CommandQueue:
         """Latch a trip with the rows around it, report it once it is on disk, hold the queue."""
         latch = tripped(cause, text, self.label_s(), self.recent)
         with self.lock:
-            if not self.latches.hold(latch):
+            if not self.latch_store.hold(latch):
                 return
-        self.latches.save()
+        self.latch_store.save()
         self.writer.do(lambda store: self._save_trip(store, latch))
         self.enter_in_log(f"TRIPPED, {cause}: {text}")
         self.announcer.announce("trip", latch.table())
@@ -334,10 +334,10 @@ class CommandQueue:
         """Switch the output off at once, end the running job, take the waiting ones out of the queue, and begin none
         until a reset. A job that was submitted before the stop begins only when it is submitted again."""
         with self.lock:  # first, so that no job starts in between; nothing before "off" touches a disk
-            self.latches.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
+            self.latch_store.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
         off = self._switched_off(JobStopped(f"stopped by {by}"))
         waited = self.queue.take_waiting()
-        self.latches.save()
+        self.latch_store.save()
         reason = f"it waited when the bench was stopped by {by}: submit it again after `peltier reset`"
         for job in waited:
             self._taken_out(job, reason)
@@ -354,7 +354,7 @@ class CommandQueue:
 
     def reset(self, reason: str) -> bool:
         """Clear the latch, on disk first; False if nothing is latched. Raises NotCleared if it stays latched."""
-        latch = self.latches.clear(reason, self.label_s())
+        latch = self.latch_store.clear(reason, self.label_s())
         if latch is None:
             return False
         latch.cleared_s, latch.cleared_because = self.label_s(), reason
@@ -411,7 +411,7 @@ class CommandQueue:
 
     def no_job_because(self) -> list[str]:
         """Return the reasons that keep the next job from starting; none if it may."""
-        held, reported, trouble = self.latches.held, self.latches.reported, self.latches.trouble()
+        held, reported, trouble = self.latch_store.held, self.latch_store.reported, self.latch_store.trouble()
         found = []
         if reported is not None:
             found.append(f"{reported.state}: {reported.text}")
@@ -432,7 +432,7 @@ class CommandQueue:
     def warnings(self) -> list[str]:
         """Return the warnings for people."""
         found = list(self.notes)
-        if (trouble := self.latches.trouble()) is not None:
+        if (trouble := self.latch_store.trouble()) is not None:
             found.append(f"the latch cannot be written, no job starts: {trouble}")
         if not self.online and self.offline_because:
             found.append(f"offline: {self.offline_because}")
@@ -445,7 +445,7 @@ class CommandQueue:
 
     def state(self) -> dict[str, Any]:
         """Return the bench at this moment (docs/bench_api.md)."""
-        limits, latch = self.file.content.limits, self.latches.reported
+        limits, latch = self.file.content.limits, self.latch_store.reported
         word = latch.state if latch is not None else "running" if self.queue.running is not None else "idle"
         if not self.online:
             word = "offline" if word in ("idle", "running") else word

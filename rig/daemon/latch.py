@@ -1,6 +1,6 @@
 """The latch: a trip or a STOP that keeps jobs from starting until somebody resets it with a reason.
 
-It holds in memory at once, and is reported when it is on disk (`LatchKeeper`). On disk it is a file that no kill, full
+It holds in memory at once, and is reported when it is on disk (`LatchStore`). On disk it is a file that no kill, full
 disk or power cut turns into "nothing is latched":
 
     bench.latch    slot 0, slot 1, each of SLOT bytes
@@ -151,7 +151,7 @@ def latch_at_start(
     return entry or Entry(CLEAR, "new", "nothing was ever latched here", now_s), None
 
 
-class LatchKeeper:
+class LatchStore:
     """The latch in memory and on disk. held: keeps jobs from starting; reported: the latch that everybody sees, once it
     is on disk. fault: why the file cannot be written; None if it can.
 

@@ -26,7 +26,7 @@ from pathlib import Path
 
 MUTEX_BYTES = 64  # largest size of a pthread_mutex_t and its attributes
 PROCESS_SHARED = ROBUST = 1
-PR_SET_PDEATHSIG = 1
+PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 LOOK_S = 0.25  # a suspended guard is noticed within a second, even if this thread has to wait for its turn
 STOPPED = ("T", "t")
 

@@ -94,7 +94,7 @@ def first_plate(
     for delay in DELAYS_S:
         for lag in LAGS_S:
             for loss in LOSSES_PER_S:
-                shape = _seen(time, current, lag, delay, loss)[known]
+                shape = _response(time, current, lag, delay, loss)[known]
                 columns = np.column_stack((shape, np.ones(reading.size), time[known]))
                 found, *_ = np.linalg.lstsq(columns, reading, rcond=None)
                 residual = reading - columns @ found
@@ -125,7 +125,7 @@ def first_plate(
     return KnownPlate(plate, lag, delay, min(behind), max(behind), OF_A_PULSE)
 
 
-def _seen(time: Array, current: Array, lag_s: float, delay_s: float, loss_per_s: float) -> Array:
+def _response(time: Array, current: Array, lag_s: float, delay_s: float, loss_per_s: float) -> Array:
     """Return the thermometer's response (K per A s): the delayed current through plate and lag, exact over a step."""
     when = np.maximum(time - delay_s, 0.0)
     charge = np.concatenate(([0.0], np.cumsum(current[:-1] * np.diff(time))))

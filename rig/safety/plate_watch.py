@@ -94,7 +94,7 @@ class PlateWatch:
         self._sent: deque[tuple[float, float]] = deque()  # (time at which it acts, A)
         self._acting_A = 0.0
         self._at_s = math.nan
-        self._seen: _Observer | None = None
+        self._observer: _Observer | None = None
         self._full: tuple[float, float, float] | None = None  # sign, begin (s), reading then
 
     def know(self, known: KnownPlate) -> None:
@@ -104,71 +104,71 @@ class PlateWatch:
         doubt = known.doubt
         shortest, longest = doubt.settle_s
         self._settle_s = known.lag_s + min(max(doubt.settle_K / max(self._fastest_K_per_s, 1e-3), shortest), longest)
-        if self._seen is not None:
-            before, self._seen = self._seen, _Observer(self._seen.reading_degC)
-            self._seen.step_K, self._seen.noise_K = before.step_K, before.noise_K
+        if self._observer is not None:
+            before, self._observer = self._observer, _Observer(self._observer.reading_degC)
+            self._observer.step_K, self._observer.noise_K = before.step_K, before.noise_K
 
     def forget(self) -> None:
         """Restart from the next reading: the output was off, or nothing was read."""
         self._sent.clear()
-        self._acting_A, self._at_s, self._seen, self._full = 0.0, math.nan, None, None
+        self._acting_A, self._at_s, self._observer, self._full = 0.0, math.nan, None, None
 
     def expected_degC(self, now_s: float, current_A: float) -> float:
         """Return the reading to expect at a time, with this current since the last one; nan if unknown."""
-        if self._seen is None or self.known is None or math.isnan(current_A) or not self._seen.settled:
+        if self._observer is None or self.known is None or math.isnan(current_A) or not self._observer.settled:
             return math.nan
         plate, dt = self.known.plate, min(max(now_s - self._at_s, 0.0), LONGEST_S)
-        seen = self._seen
+        observer = self._observer
         acting_A = current_A if self.known.delay_s == 0.0 else self._acting_A
-        to_degC = plate.step(seen.plate_degC, acting_A, dt) + seen.disturbance_K_per_s * dt
+        to_degC = plate.step(observer.plate_degC, acting_A, dt) + observer.disturbance_K_per_s * dt
         if self.known.lag_s == 0.0:
             return to_degC
-        return seen.shown_degC + (to_degC - seen.shown_degC) * -math.expm1(-dt / self.known.lag_s)
+        return observer.shown_degC + (to_degC - observer.shown_degC) * -math.expm1(-dt / self.known.lag_s)
 
     def look(self, now_s: float, temperature_degC: float, current_A: float) -> None:
         """Check a reading (nan: none) against the current sent since the one before (nan: unknown). Raises Tripped."""
         if self.known is None or math.isnan(current_A):
             self.forget()
             return
-        if self._seen is None:
+        if self._observer is None:
             if not math.isnan(temperature_degC):
-                self._seen, self._at_s = _Observer(temperature_degC), now_s
+                self._observer, self._at_s = _Observer(temperature_degC), now_s
             return
-        self._advance(self.known, self._seen, now_s, current_A)
+        self._advance(self.known, self._observer, now_s, current_A)
         if math.isnan(temperature_degC):
             return
-        self._correct(self.known, self._seen, temperature_degC, now_s)
+        self._correct(self.known, self._observer, temperature_degC, now_s)
 
     def copy(self) -> PlateWatch:
         """Return an independent copy, for predictions."""
         other = copy(self)
         other._sent = self._sent.copy()
-        if self._seen is not None:
-            other._seen = copy(self._seen)
-            other._seen.driven, other._seen.lost = copy(self._seen.driven), copy(self._seen.lost)
+        if self._observer is not None:
+            other._observer = copy(self._observer)
+            other._observer.driven, other._observer.lost = copy(self._observer.driven), copy(self._observer.lost)
         return other
 
     @property
     def looked_s(self) -> float:
         """Time of the last reading; nan if the plate's temperature is unknown."""
-        return self._at_s if self.known is not None and self._seen is not None else math.nan
+        return self._at_s if self.known is not None and self._observer is not None else math.nan
 
     def run_on(self, now_s: float, current_A: float) -> float:
         """Simulate to a time without a reading; return the thermometer's expected reading then (degC)."""
         assert self.known is not None
-        assert self._seen is not None
-        self._advance(self.known, self._seen, now_s, current_A)
-        return self._seen.shown_degC
+        assert self._observer is not None
+        self._advance(self.known, self._observer, now_s, current_A)
+        return self._observer.shown_degC
 
     @property
     def off_K(self) -> float:
         """Distance of the last reading from its expectation."""
-        return abs(self._seen.reading_degC - self._seen.shown_degC) if self._seen is not None else 0.0
+        return abs(self._observer.reading_degC - self._observer.shown_degC) if self._observer is not None else 0.0
 
     @property
     def late_K(self) -> float:
         """Temperature error that `late_s` causes at the recent changes of the rate."""
-        return self.late_s * self._seen.bend_K_per_s if self._seen is not None else 0.0
+        return self.late_s * self._observer.bend_K_per_s if self._observer is not None else 0.0
 
     @property
     def late_s(self) -> float:
@@ -182,7 +182,7 @@ class PlateWatch:
     @property
     def step_K(self) -> float:
         """Smallest step that the thermometer has made; 0 if unknown."""
-        return self._seen.step_K if self._seen is not None and math.isfinite(self._seen.step_K) else 0.0
+        return self._observer.step_K if self._observer is not None and math.isfinite(self._observer.step_K) else 0.0
 
     def check_cooling(self, now_s: float, temperature_degC: float, current_A: float) -> None:
         """Raise Tripped for a current beyond that of largest cooling, where more current cools less."""
@@ -196,7 +196,7 @@ class PlateWatch:
             )
             raise Tripped("cooling_limit", text, now_s)
 
-    def _advance(self, known: KnownPlate, seen: _Observer, now_s: float, current_A: float) -> None:
+    def _advance(self, known: KnownPlate, observer: _Observer, now_s: float, current_A: float) -> None:
         """Simulate plate and thermometer to now; the current was sent at the last reading."""
         self._sent.append((self._at_s + known.delay_s, current_A))
         settle = self._settle_s
@@ -205,81 +205,81 @@ class PlateWatch:
                 self._acting_A = self._sent.popleft()[1]
                 continue
             until = min(now_s, self._at_s + STEP_S, self._sent[0][0] if self._sent else math.inf)
-            dt, before = until - self._at_s, seen.plate_degC
-            seen.plate_degC = known.plate.step(before, self._acting_A, dt) + seen.disturbance_K_per_s * dt
-            rate = (seen.plate_degC - before) / dt
-            behind = seen.shown_degC - before + known.lag_s * rate
+            dt, before = until - self._at_s, observer.plate_degC
+            observer.plate_degC = known.plate.step(before, self._acting_A, dt) + observer.disturbance_K_per_s * dt
+            rate = (observer.plate_degC - before) / dt
+            behind = observer.shown_degC - before + known.lag_s * rate
             kept = math.exp(-dt / known.lag_s) if known.lag_s > 0.0 else 0.0
-            seen.shown_degC = seen.plate_degC - known.lag_s * rate + behind * kept
+            observer.shown_degC = observer.plate_degC - known.lag_s * rate + behind * kept
             loss = known.plate.conductance_over_capacity_per_s * (before - known.plate.ambient_degC)
-            seen.lost.take(loss, dt, settle)
-            seen.driven.take(known.plate.rate_K_per_s(before, self._acting_A) + loss, dt, settle)
+            observer.lost.take(loss, dt, settle)
+            observer.driven.take(known.plate.rate_K_per_s(before, self._acting_A) + loss, dt, settle)
             fading = math.exp(-dt / settle)
-            seen.smooth_K_per_s += (1.0 - fading) * (rate - seen.smooth_K_per_s)
-            seen.bend_K_per_s = max(fading * seen.bend_K_per_s, abs(rate - seen.smooth_K_per_s))
+            observer.smooth_K_per_s += (1.0 - fading) * (rate - observer.smooth_K_per_s)
+            observer.bend_K_per_s = max(fading * observer.bend_K_per_s, abs(rate - observer.smooth_K_per_s))
             self._at_s = until
 
-    def _correct(self, known: KnownPlate, seen: _Observer, reading_degC: float, now_s: float) -> None:
+    def _correct(self, known: KnownPlate, observer: _Observer, reading_degC: float, now_s: float) -> None:
         """Compare the reading with its expectation, then correct the observer."""
-        change = reading_degC - seen.reading_degC
+        change = reading_degC - observer.reading_degC
         if change != 0.0:
-            seen.step_K = min(seen.step_K, abs(change))
-        bend_K = change - seen.change_K if math.isfinite(seen.change_K) else 0.0
-        seen.noise_K += NOISE_SHARE * (min(abs(bend_K) / BEND, 1.0) - seen.noise_K)
-        seen.reading_degC, seen.change_K = reading_degC, change
-        off_K = reading_degC - seen.shown_degC
+            observer.step_K = min(observer.step_K, abs(change))
+        bend_K = change - observer.change_K if math.isfinite(observer.change_K) else 0.0
+        observer.noise_K += NOISE_SHARE * (min(abs(bend_K) / BEND, 1.0) - observer.noise_K)
+        observer.reading_degC, observer.change_K = reading_degC, change
+        off_K = reading_degC - observer.shown_degC
         settle = self._settle_s
-        bound_K = self._tolerance_K(known, seen)
+        bound_K = self._tolerance_K(known, observer)
         if abs(off_K) > bound_K:
-            self._trip_unseen(now_s, seen, off_K, bound_K)
-        dt = min(now_s - seen.corrected_s, LONGEST_S) if seen.settled else 0.0
+            self._trip_unseen(now_s, observer, off_K, bound_K)
+        dt = min(now_s - observer.corrected_s, LONGEST_S) if observer.settled else 0.0
         share = min(2.0 * dt / settle, 1.0)
-        seen.plate_degC += share * off_K
-        seen.shown_degC += share * off_K
-        seen.disturbance_K_per_s += dt / settle**2 * off_K
-        seen.corrected_s = now_s
-        most = self._most_K_per_s(known, seen)
-        if abs(seen.disturbance_K_per_s) > most + LEAST_K / settle:
-            self._trip_disturbed(now_s, seen, most)
-        if seen.plate_degC > self._high_degC + HIDDEN_K:
+        observer.plate_degC += share * off_K
+        observer.shown_degC += share * off_K
+        observer.disturbance_K_per_s += dt / settle**2 * off_K
+        observer.corrected_s = now_s
+        most = self._most_K_per_s(known, observer)
+        if abs(observer.disturbance_K_per_s) > most + LEAST_K / settle:
+            self._trip_disturbed(now_s, observer, most)
+        if observer.plate_degC > self._high_degC + HIDDEN_K:
             text = (
                 f"the thermometer shows {reading_degC:.2f} degC, but from the current that was sent the plate may be "
-                f"at {seen.plate_degC:.1f} degC, above the limit of {self._high_degC:g} degC"
+                f"at {observer.plate_degC:.1f} degC, above the limit of {self._high_degC:g} degC"
             )
             raise Tripped("hidden_heat", text, now_s)
         self._look_against(known, now_s, reading_degC)
 
-    def _most_K_per_s(self, known: KnownPlate, seen: _Observer) -> float:
+    def _most_K_per_s(self, known: KnownPlate, observer: _Observer) -> float:
         """Return the largest harmless disturbance: a heat sink that is warm (or, less far, cold), and model error."""
-        sink_K = WARM_SINK_K if seen.disturbance_K_per_s > 0.0 else COLD_SINK_K
+        sink_K = WARM_SINK_K if observer.disturbance_K_per_s > 0.0 else COLD_SINK_K
         g, doubt = known.plate.conductance_over_capacity_per_s, known.doubt
-        loss = g * abs(seen.plate_degC - known.plate.ambient_degC)
-        drive = abs(known.plate.rate_K_per_s(seen.plate_degC, self._acting_A)) + loss
+        loss = g * abs(observer.plate_degC - known.plate.ambient_degC)
+        drive = abs(known.plate.rate_K_per_s(observer.plate_degC, self._acting_A)) + loss
         return g * sink_K + 2.0 * (doubt.gain * drive + doubt.loss * loss)
 
-    def _tolerance_K(self, known: KnownPlate, seen: _Observer) -> float:
+    def _tolerance_K(self, known: KnownPlate, observer: _Observer) -> float:
         doubt = known.doubt
-        gain_K, loss_K = doubt.gain * seen.driven.recent_K, doubt.loss * seen.lost.recent_K
+        gain_K, loss_K = doubt.gain * observer.driven.recent_K, doubt.loss * observer.lost.recent_K
         model = math.hypot(gain_K, loss_K, self.late_K)  # independent errors
-        step = seen.step_K if math.isfinite(seen.step_K) else 0.0
-        return LEAST_K + model + STEPS * step + SIGMAS * min(seen.noise_K, 0.25)
+        step = observer.step_K if math.isfinite(observer.step_K) else 0.0
+        return LEAST_K + model + STEPS * step + SIGMAS * min(observer.noise_K, 0.25)
 
-    def _trip_unseen(self, now_s: float, seen: _Observer, off_K: float, bound_K: float) -> None:
+    def _trip_unseen(self, now_s: float, observer: _Observer, off_K: float, bound_K: float) -> None:
         of_a_model = self.known is not None and self.known.doubt is OF_A_MODEL
         off, bound = distinct(abs(off_K), bound_K)
         text = (
-            f"the thermometer shows {seen.reading_degC:.2f} degC, where the plate model and the current "
-            f"that was sent give {seen.shown_degC:.2f} degC: {off} K {'less' if off_K < 0.0 else 'more'}, more than "
-            f"the {bound} K that the plate model may be wrong by: thermometer fallen off or stuck, polarity, or "
+            f"the thermometer shows {observer.reading_degC:.2f} degC, where the plate model and the current "
+            f"that was sent give {observer.shown_degC:.2f} degC: {off} K {'less' if off_K < 0.0 else 'more'}, more "
+            f"than the {bound} K that the plate model may be wrong by: thermometer fallen off or stuck, polarity, or "
             f"another source of heat or cold?{OTHER_PLATE if of_a_model else ''}"
         )
         raise Tripped("unseen_heat", text, now_s)
 
-    def _trip_disturbed(self, now_s: float, seen: _Observer, most: float) -> None:
+    def _trip_disturbed(self, now_s: float, observer: _Observer, most: float) -> None:
         text = (
-            f"something {'heats' if seen.disturbance_K_per_s > 0.0 else 'cools'} the plate by "
-            f"{abs(seen.disturbance_K_per_s):.2f} K/s, more than a heat sink can ({most:.2f} K/s): is the thermometer "
-            "on the plate, does the fan run?"
+            f"something {'heats' if observer.disturbance_K_per_s > 0.0 else 'cools'} the plate by "
+            f"{abs(observer.disturbance_K_per_s):.2f} K/s, more than a heat sink can ({most:.2f} K/s): is the "
+            "thermometer on the plate, does the fan run?"
         )
         raise Tripped("disturbed", text, now_s)
 

@@ -98,10 +98,10 @@ def test_a_trip_on_a_full_disk_finds_the_room_that_was_taken_before(tmp_path: Pa
             disk.fill()
             bench.commands.trip("temperature_limit", "too hot")
             assert bench.state()["state"] == "tripped"
-            assert bench.commands.latches.on_disk
+            assert bench.commands.latch_store.on_disk
         with closing(RunningBench(path, tmp_path / "bench.sock")) as bench:
             assert bench.state()["trip"]["text"] == "too hot"
-            assert bench.commands.latches.on_disk
+            assert bench.commands.latch_store.on_disk
             disk.free()
             assert bench.commands.reset("there is room again")
 

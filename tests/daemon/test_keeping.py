@@ -103,7 +103,7 @@ def test_a_job_ends_where_its_history_is_deleted_and_what_is_latched_stays(bench
     assert "moved or deleted" in ended["reason"]
     assert bench.until_state("tripped")["output_confirmed"] is True
     until(lambda: bench.commands.writer.failure is None, "a new history")
-    until(lambda: bench.commands.latches.on_disk, "the latch")
+    until(lambda: bench.commands.latch_store.on_disk, "the latch")
     assert any("a new one was begun" in warning for warning in bench.state()["warnings"])
     kept = latch.read(bench.commands.folder / latch.LATCH)
     assert kept is not None
@@ -148,10 +148,10 @@ def test_health_tells_of_a_latch_that_cannot_be_written(bench: RunningBench) -> 
     bench.serve()
     assert bench.ask("GET", "/health")[0] == 200
     with contextlib.ExitStack() as stack:
-        stack.callback(setattr, bench.commands.latches, "_asked", bench.commands.latches._asked)
-        stack.callback(setattr, bench.commands.latches, "fault", None)
-        bench.commands.latches._asked += 1  # as where the thread that writes has tried, and could not
-        bench.commands.latches.fault = "bench.latch: No space left on device"
+        stack.callback(setattr, bench.commands.latch_store, "_asked", bench.commands.latch_store._asked)
+        stack.callback(setattr, bench.commands.latch_store, "fault", None)
+        bench.commands.latch_store._asked += 1  # as where the thread that writes has tried, and could not
+        bench.commands.latch_store.fault = "bench.latch: No space left on device"
         status, answer = bench.ask("GET", "/health")
     assert status == 503
     assert "the latch cannot be written" in answer["wrong"][0]

@@ -18,7 +18,7 @@ from rig.core.clock import RealClock
 from rig.daemon import latch
 from rig.daemon.command_queue import HISTORY, CommandQueue
 from rig.daemon.http_server import Refusal, Requests
-from rig.daemon.latch import CLEAR, LATCH, TRIPPED, Entry, Latch, LatchKeeper, NotCleared, read, write
+from rig.daemon.latch import CLEAR, LATCH, TRIPPED, Entry, Latch, LatchStore, NotCleared, read, write
 from rig.daemon.output_lock import Off
 from rig.daemon.serving import bench_of
 from rig.files.configuration import ConfigurationFile, read_configuration
@@ -43,7 +43,7 @@ def life(file: ConfigurationFile) -> Iterator[CommandQueue]:
         yield commands
     finally:
         commands.writer.stop()
-        commands.latches.close()
+        commands.latch_store.close()
 
 
 def rows(commands: CommandQueue, count: int = 3) -> None:
@@ -240,7 +240,7 @@ def test_a_latch_that_cannot_be_written_holds_is_told_and_is_not_reset(
         assert "Input/output error" in refusal.value.lines[0]
         assert word(commands) == "tripped"
         monkeypatch.setattr(latch, "write", write)
-        until(lambda: commands.latches.on_disk, "the latch on disk")
+        until(lambda: commands.latch_store.on_disk, "the latch on disk")
         assert (read(commands.folder / LATCH) or Entry("", "", "", 0.0)).text == "too hot"
         assert not any("the latch" in line for line in commands.warnings())
 
@@ -256,7 +256,7 @@ def test_a_disk_that_hangs_holds_up_neither_stop_nor_trip(
 
     monkeypatch.setattr(latch, "PATIENCE_S", 0.05)
     with life(file) as commands:
-        until(lambda: commands.latches.on_disk)
+        until(lambda: commands.latch_store.on_disk)
         monkeypatch.setattr(latch, "write", hanging)
         commands.stop("a test")
         assert word(commands) == "stopped"
@@ -264,7 +264,7 @@ def test_a_disk_that_hangs_holds_up_neither_stop_nor_trip(
         with pytest.raises(NotCleared, match="has not answered yet"):
             commands.reset("looked at it")
         goes_on.set()
-        until(lambda: commands.latches.on_disk)
+        until(lambda: commands.latch_store.on_disk)
         assert word(commands) == "stopped"
         assert (read(commands.folder / LATCH) or Entry("", "", "", 0.0)).state == "stopped"
 
@@ -272,7 +272,7 @@ def test_a_disk_that_hangs_holds_up_neither_stop_nor_trip(
 def test_a_trip_during_a_reset_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / LATCH
     first = Latch(TRIPPED, "one", "the first", 1.0)
-    kept = LatchKeeper(path, first.entry(), first)
+    kept = LatchStore(path, first.entry(), first)
 
     def tripping(path: Path, said: Entry) -> None:
         monkeypatch.setattr(latch, "write", write)
