@@ -88,7 +88,7 @@ class BenchWatch:
     def know(self, known: KnownPlate) -> None:
         """Judge the readings by this plate from now on."""
         self.plate.know(known)
-        self._thermometer.leave_currents_to_the_watch()
+        self._thermometer.ignore_currents()
 
     def begin_anew(self, now_s: float) -> None:
         """Forget all earlier readings: the output was off for a while."""

@@ -108,7 +108,7 @@ class ThermometerCheck:
         self._good: Reading | None = None
         self._off_K = math.nan
 
-    def leave_currents_to_the_watch(self) -> None:
+    def ignore_currents(self) -> None:
         """Judge frozen readings without the current: `plate_watch` knows the plate, its loss and its lag."""
         self._gain_K_per_A_s = 0.0
 

@@ -6,7 +6,7 @@ import _thread
 import signal
 import threading
 import time
-from types import FrameType, TracebackType
+from types import FrameType
 
 from rig.core.outcome import Stopped
 
@@ -36,9 +36,7 @@ class SignalStop:
                 self._before[number] = signal.signal(number, self._handle)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)  # type: ignore[arg-type]
 
