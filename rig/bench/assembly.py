@@ -20,7 +20,7 @@ from rig.drivers.identity import Identity
 from rig.drivers.meter import ResistanceMeter
 from rig.drivers.registry import check_options, controller_class, meter_class, open_controller, open_meter
 from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable
-from rig.guard.line import UNGUARDED, Guard
+from rig.guard.pipe import UNGUARDED, Guard
 from rig.ports.open import open_elsewhere
 from rig.ports.protocol_sim import register, unregister
 from rig.ports.transport import nobody_answers

@@ -10,7 +10,7 @@ from rig.core.errors import called
 from rig.core.outcome import NotConfirmedOff, OfOutput
 from rig.drivers.controller import TemperatureController
 from rig.files.configuration import ControllerTable
-from rig.guard.line import UNGUARDED, Guard
+from rig.guard.pipe import UNGUARDED, Guard
 from rig.ports.transport import nobody_answers
 from rig.safety.signals import SignalStop
 from rig.safety.switching_off import off_confirmed, switch_off

@@ -19,7 +19,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     require("epics")
-    from rig.daemon.places import socket_of
+    from rig.daemon.client import socket_of
     from rig.epics.serving import serve
     from rig.files.configuration import read_configuration
 

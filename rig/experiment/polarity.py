@@ -25,9 +25,8 @@ from rig.core.outcome import Tripped
 from rig.core.reading import Reading
 from rig.drivers.controller import cools
 from rig.files.configuration import Configuration
-from rig.safety.bench_watch import OFF, BenchWatch, Sent
+from rig.safety.bench_watch import OFF, BenchWatch, Limits, Sent
 from rig.safety.first_plate import KnownPlate, first_plate
-from rig.safety.interlock import Limits
 
 REST_S = 1.5  # of readings at rest, from which noise and drift are told: fifteen at ten a second
 FEWEST = 5  # readings at rest

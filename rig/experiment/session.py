@@ -39,7 +39,7 @@ from rig.files.model_file import Model, write_model
 from rig.files.record_file import write_columns
 from rig.files.run_folder import PREDICTED, RunFolder, default_folder, part_of, prepared_folder
 from rig.files.target import Target, column_of_target
-from rig.guard.line import UNGUARDED, Guard
+from rig.guard.pipe import UNGUARDED, Guard
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from rig.safety.signals import SignalStop
 

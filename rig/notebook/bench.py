@@ -31,8 +31,8 @@ from rig.files.model_file import Model
 from rig.files.record import Record
 from rig.files.record_file import read_record
 from rig.files.run_folder import default_folder, prepared_folder
-from rig.guard.line import UNGUARDED
 from rig.guard.needed import require_who_switches_off
+from rig.guard.pipe import UNGUARDED
 from rig.notebook.configuration import tables_of, text_of
 from rig.report.run import write_live_report
 from rig.safety.signals import NotebookStop, SignalStop

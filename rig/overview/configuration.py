@@ -22,7 +22,7 @@ from rig.core.faults import fault
 from rig.files.reachable_name import ReachableName
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import parsed_toml, read_text
-from rig.web.names import LOOPBACK
+from rig.web.protection import LOOPBACK
 
 MOST_BENCHES = 200  # on one page: beyond that nobody looks at all of them
 

@@ -131,7 +131,7 @@ def _have_open(port: str) -> list[tuple[int, bool]]:
 
 
 def is_still_trying(process: int) -> bool:
-    """Return True for a process that still tries to switch an output off (`rig.guard.keep_trying`)."""
+    """Return True for a process that still tries to switch an output off (`rig.guard.takeover`)."""
     with contextlib.suppress(OSError):
         return Path(f"/proc/{process}/comm").read_text().strip() == STILL_TRYING
     return False

@@ -17,7 +17,7 @@ from rig.control.decision import Decision
 from rig.control.tick import Tick
 from rig.core.reading import Reading
 from rig.core.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
-from rig.daemon.words import clock
+from rig.daemon.status_text import clock
 from rig.experiment.expected import expected_calibration, expected_run
 from rig.files.configuration import read_configuration
 from rig.files.model_file import read_model

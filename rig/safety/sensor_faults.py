@@ -1,15 +1,14 @@
-"""Readings that are none: frozen, or jumping. They are marked by their quality, with the reason in words.
+"""Detect frozen and jumping readings; lower their quality and give the reason in words.
 
-frozen   the same number, to the last bit, again and again. An instrument whose noise turned its readings to and fro
-         just before is frozen when so many alike have a chance of `BY_CHANCE`. One that steps coarsely, or has no
-         noise, is frozen when meanwhile something else says that the quantity has moved: more current has flowed
-         than at their beginning, by so much that it would have moved by several steps, or the other instrument's
-         reading has moved.
-jumping  a temperature that moved by more than the current that was sent explains and any plate adds to it: nothing is
-         believed until it is again where the plate can be, so that a step that lasts becomes a stale thermometer.
-         A resistance that moved by half a decade at once: the film may do so, so it is believed when it comes thrice.
+frozen   the same number, to the last bit, many times. An instrument whose noise moved its readings up and down just
+         before is frozen if so many equal readings have a probability below `BY_CHANCE`. One with coarse steps, or
+         without noise, is frozen if something else shows that the quantity has moved meanwhile: the current has since
+         changed by enough to move it by several steps, or the other instrument's reading has moved.
+jumping  a temperature that moved by more than the current that was sent explains, plus what any plate may add: no
+         reading counts until it is back where the plate can be, so that a lasting step becomes a stale thermometer.
+         A resistance that moved by half a decade at once: the film can do that, so the third equal reading counts.
 
-What no instrument can read (nan, a negative resistance, an open sensor) its driver has marked already.
+Readings that are impossible by themselves (nan, a negative resistance, an open sensor) are marked by the driver.
 """
 
 from __future__ import annotations
@@ -20,43 +19,43 @@ from dataclasses import replace
 
 from rig.core.reading import Quality, Reading
 
-ENOUGH = 10  # readings alike, at least
+ENOUGH = 10  # equal readings, at least
 BY_CHANCE = 1e-9
-JUST_BEFORE = 40  # readings, by which an instrument's noise is judged
-LEVELS = 4  # different numbers among them: beside a threshold a coarse instrument turns between two
-TURNS = 0.15  # of them, that turned: of pure noise two thirds, and on a ramp fewer; without noise none does
-LOOK_BACK_S = 20.0
-LEAST_K = 0.5  # that the current should have moved a frozen thermometer by: fifty times its usual noise
+JUST_BEFORE = 40  # earlier readings, which show the instrument's noise
+LEVELS = 4  # different numbers among them: near a threshold a coarse instrument alternates between two
+TURNS = 0.15  # share of them that reverse the direction: two thirds for pure noise, fewer on a ramp, none without noise
+LOOK_BACK_S = 20.0  # over which current and the other reading are compared
+LEAST_K = 0.5  # movement that the current should have caused: fifty times a thermometer's typical noise
 LEAST_JUMP_K = 1.0  # noise and drift between two readings stay below a tenth of it
-STEPS = 4.0  # of a coarse instrument, that a movement or a jump has to have
+STEPS = 4.0  # of a coarse instrument: least size of a movement or a jump
 LEAST_JUMP_DEC, LEAST_JUMP_DEC_PER_S = 0.5, 5.0
-AGREEING_DEC = 0.3  # of readings after a jump: a film in its transition moves by less between two
-THRICE = 3  # that it reads alike after a jump: then the film has jumped, and not a reading
-OTHER_DEC, OTHER_K = 0.1, 3.0  # that the other instrument has to have moved by
-ANY_PLATE_K_PER_S = 3.0  # beyond what the current that was sent explains; a lasting step of 10 K is never within it
-SLOWEST_K_PER_S = 1.5  # at the current limit, as long as no plate is known: it may be ten times slower
-STEEPEST_DEC_PER_K = 2.0  # of a film: for less, a coarse thermometer need not have moved
+AGREEING_DEC = 0.3  # between readings after a jump: a film in its transition moves by less
+THRICE = 3  # agreeing readings after a jump: then the film has jumped, not the meter
+OTHER_DEC, OTHER_K = 0.1, 3.0  # least movement of the other instrument
+ANY_PLATE_K_PER_S = 3.0  # in addition to the effect of the current; a lasting step of 10 K is never within it
+SLOWEST_K_PER_S = 1.5  # at the current limit, while no plate is known: it may be ten times slower
+STEEPEST_DEC_PER_K = 2.0  # steepest film: below that, a coarse thermometer need not have moved
 
 
-class Sameness:
-    """How often a number came again, what is usual for its instrument, and what else has moved meanwhile."""
+class Repeats:
+    """Counts equal readings in sequence, and how far current and the other instrument moved meanwhile."""
 
     def __init__(self) -> None:
-        self.step = math.inf  # the smallest difference that was seen
+        self.step = math.inf  # smallest difference seen
         self._last = math.nan
         self._last_change = 0.0
         self._alike = 1
-        self._runs: deque[tuple[float, int, bool]] = deque()  # lately: number, how many alike, whether it turned then
+        self._runs: deque[tuple[float, int, bool]] = deque()  # value, how often in sequence, whether it reversed
         self._since_s = self._time_s = 0.0
-        self._drives: list[float] = []  # the first ones of those alike
+        self._drives: list[float] = []  # at the first of the equal readings
         self._first_other = math.nan
         self._drive = 0.0
-        self.frozen = False  # as its owner found; until another number comes
+        self.frozen = False  # set by the owner; cleared by a different reading
 
     def take(self, value: float, time_s: float, drive: float, other: float) -> tuple[int, float, float]:
-        """How many are alike, the drive's integral meanwhile, over its mean at first, and the other's movement.
+        """Return the number of equal readings, the integral of drive minus its first mean, and the other's movement.
 
-        drive: what moves the quantity (nan: not known). other: the other instrument's reading (nan: none).
+        drive: what moves the quantity (nan: unknown); other: the other instrument's reading (nan: none).
         """
         elapsed, self._time_s = time_s - self._time_s, time_s
         if value != self._last:
@@ -74,17 +73,17 @@ class Sameness:
         return self._alike, self._drive, 0.0 if math.isnan(moved) else moved
 
     @property
-    def is_no_chance(self) -> bool:
-        """Whether noise as it was just before hardly ever gives so many alike."""
+    def is_improbable(self) -> bool:
+        """True if the noise just before hardly ever gives so many equal readings."""
         count = self._count()
         turns, levels = sum(turned for *_, turned in self._runs), len({value for value, *_ in self._runs})
         if count < JUST_BEFORE or turns < TURNS * count or levels < LEVELS:
             return False
-        again = (count - len(self._runs) + 2) / (count + 2)  # chance of one more alike, a little more than was seen
+        again = (count - len(self._runs) + 2) / (count + 2)  # probability of one more, a little above that seen
         return self._alike >= ENOUGH and again**self._alike < BY_CHANCE
 
     def _count(self) -> int:
-        """Readings just before."""
+        """Return the number of readings just before."""
         return sum(alike for _, alike, _ in self._runs)
 
     def _learn(self, value: float) -> None:
@@ -99,31 +98,31 @@ class Sameness:
         self._last, self._last_change = value, change
 
 
-class ThermometerTrust:
-    """Judges temperatures (degC). rate_K_per_s: limits.rate_K_per_s. limit_A: of the current."""
+class ThermometerCheck:
+    """Checks temperatures (degC). rate_K_per_s: limits.rate_K_per_s; limit_A: of the current."""
 
     def __init__(self, rate_K_per_s: float, limit_A: float) -> None:
         self._rate_K_per_s = min(rate_K_per_s, ANY_PLATE_K_PER_S)
         self._gain_K_per_A_s = SLOWEST_K_PER_S / limit_A
-        self._same = Sameness()
+        self._same = Repeats()
         self._good: Reading | None = None
         self._off_K = math.nan
 
-    def leave_currents_to_the_watch(self) -> None:
-        """A plate is known: what a current should have done is for `plate_watch`, which knows loss and lag as well."""
+    def ignore_currents(self) -> None:
+        """Judge frozen readings without the current: `plate_watch` knows the plate, its loss and its lag."""
         self._gain_K_per_A_s = 0.0
 
     def forget(self) -> None:
-        """Nobody has looked for a while: where the temperature was says nothing."""
+        """Forget the last good reading: too much time has passed since."""
         self._good = None
 
     def judge(
         self, reading: Reading, current_A: float, log_resistance: float, expected_degC: float = math.nan
     ) -> tuple[Reading, str]:
-        """The reading, with its quality lowered where it is none, and why.
+        """Return the reading, its quality lowered if it does not count, and the reason.
 
-        current_A: sent since the reading before, nan where it is not known. log_resistance: log10 of the film's, now.
-        expected_degC: what the thermometer should show now, nan where that is not known.
+        current_A: sent since the reading before (nan: unknown); log_resistance: log10 of the film's, now;
+        expected_degC: of the plate model (nan: unknown).
         """
         if not reading.is_number:
             return reading, reading.why or f"it is {reading.quality}"
@@ -131,11 +130,11 @@ class ThermometerTrust:
         alike, charge, moved_dec = self._same.take(value, now, current_A, log_resistance)
         step = self._same.step if math.isfinite(self._same.step) else 0.0
         if alike >= ENOUGH:
-            should_have = abs(charge) * self._gain_K_per_A_s > STEPS * step + LEAST_K
-            told = moved_dec > max(OTHER_DEC, STEEPEST_DEC_PER_K * STEPS * step)
-            self._same.frozen |= self._same.is_no_chance or should_have or told
+            by_current = abs(charge) * self._gain_K_per_A_s > STEPS * step + LEAST_K
+            by_film = moved_dec > max(OTHER_DEC, STEEPEST_DEC_PER_K * STEPS * step)
+            self._same.frozen |= self._same.is_improbable or by_current or by_film
             if self._same.frozen:
-                return replace(reading, quality=Quality.STALE), f"frozen at {value!r} degC, {alike} times alike"
+                return replace(reading, quality=Quality.STALE), f"frozen at {value!r} degC for {alike} readings"
         if self._good is not None:
             room = max(LEAST_JUMP_K, STEPS * step) + self._rate_K_per_s * (now - self._good.time_s)
             off_K = value - expected_degC
@@ -147,27 +146,27 @@ class ThermometerTrust:
         return reading, ""
 
 
-class OhmmeterTrust:
-    """Judges resistances (ohm); or another quantity, of which only frozen readings are known for none."""
+class OhmmeterCheck:
+    """Checks resistances (ohm), or another quantity, of which only frozen readings are detected."""
 
     def __init__(self, resistance: bool = True) -> None:
         self._resistance = resistance
-        self._same = Sameness()
+        self._same = Repeats()
         self._good = self._jumped = math.nan  # log10 of ohm
         self._good_s = 0.0
         self._times = 0
 
     def judge(self, reading: Reading, temperature_degC: float) -> tuple[Reading, str]:
-        """The reading, with its quality lowered where it is none, and why. temperature_degC: read now, or nan."""
+        """Return the reading as `ThermometerCheck.judge` does. temperature_degC: the film's, now, or nan."""
         if not reading.is_number:
             if reading.quality is Quality.OVERRANGE:
                 self._good = math.nan
             return reading, reading.why or f"it is {reading.quality}"
         value, now = reading.value, reading.time_s
         alike, _, moved_K = self._same.take(value, now, math.nan, temperature_degC)
-        self._same.frozen |= alike >= ENOUGH and (self._same.is_no_chance or moved_K > OTHER_K)
+        self._same.frozen |= alike >= ENOUGH and (self._same.is_improbable or moved_K > OTHER_K)
         if self._same.frozen:
-            return replace(reading, quality=Quality.STALE), f"frozen at {value!r}, {alike} times alike"
+            return replace(reading, quality=Quality.STALE), f"frozen at {value!r} for {alike} readings"
         if not self._resistance or value <= 0.0:
             return reading, ""
         y = math.log10(value)

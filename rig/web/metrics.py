@@ -1,4 +1,4 @@
-"""What Prometheus collects of the bench, computed when it asks."""
+"""The bench's metrics for Prometheus, computed when it asks."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ GAUGES = {
 }
 
 
-class Measures:
-    """A registry of its own with one collector."""
+class Metrics:
+    """A registry with one collector."""
 
     def __init__(self) -> None:
         self._registry = CollectorRegistry(auto_describe=False)
@@ -28,14 +28,14 @@ class Measures:
         self._given: tuple[dict[str, Any], dict[str, Any], int, bool] = ({}, {}, 0, True)
 
     def text(self, state: dict[str, Any], row: dict[str, Any], rows: int, gone: bool) -> tuple[bytes, str]:
-        """The text and its media type, from the last state and row."""
+        """Return the text and its media type, from the last state and row."""
         self._given = (state, row, rows, gone)
         return generate_latest(self._registry), CONTENT_TYPE_LATEST
 
     def collect(self) -> Iterator[Metric]:
-        """Called by the registry."""
+        """Yield the metrics, for the registry."""
         state, row, rows, gone = self._given
-        up = GaugeMetricFamily("peltier_up", "1 where the bench process answers.")
+        up = GaugeMetricFamily("peltier_up", "1 if the bench process answers.")
         up.add_metric([], 0.0 if gone else 1.0)
         yield up
         word = GaugeMetricFamily("peltier_state", "1 for the state that the bench is in.", labels=["state"])
@@ -47,7 +47,7 @@ class Measures:
             value = reading.get(column)
             yield _gauge(name, text, math.nan if value is None else float(value))
         yield _gauge("peltier_output_on", "1 on, 0 off, NaN unknown.", _output(state))
-        yield _gauge("peltier_output_confirmed", "1 where the controller confirmed it.", state.get("output_confirmed"))
+        yield _gauge("peltier_output_confirmed", "1 if the controller confirmed it.", state.get("output_confirmed"))
         yield _gauge("peltier_jobs_queued", "Jobs that wait.", state.get("queue"))
         yield _gauge("peltier_viewers", "Pages that are open.", state.get("viewers"))
         yield _gauge("peltier_warnings", "Warnings that are shown.", len(state.get("warnings", [])))

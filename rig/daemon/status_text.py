@@ -1,4 +1,4 @@
-"""A bench's state in words, for `status` and `watch`. Import-light."""
+"""Text for people from a bench's state, for `status`, `watch` and the log. Import-light."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import math
 import time
 from typing import Any
 
-FRESH_S = 5.0  # a reading that is older is told as old; the page and the overview do from here on
+FRESH_S = 5.0  # an older reading is marked as old; so do the page and the overview
 
 
 def number(value: float | None, unit: str, digits: int) -> str:
-    """A value with its unit, or a dash."""
+    """Return a value with its unit, or a dash."""
     if value is None or not math.isfinite(value):
         return f"- {unit}"
     return f"{value:.{digits}f} {unit}"
 
 
 def resistance(value: float | None) -> str:
-    """A resistance in ohm, kohm or Mohm."""
+    """Return a resistance in ohm, kohm or Mohm."""
     if value is None or not math.isfinite(value):
         return "- ohm"
     for factor, unit in ((1e6, "Mohm"), (1e3, "kohm")):
@@ -27,7 +27,7 @@ def resistance(value: float | None) -> str:
 
 
 def span(seconds: float) -> str:
-    """A time span in the units that people use."""
+    """Return a duration in s, min, h or days."""
     if seconds < 120.0:
         return f"{seconds:.0f} s"
     if seconds < 7200.0:
@@ -36,15 +36,15 @@ def span(seconds: float) -> str:
 
 
 def clock(seconds: float) -> str:
-    """Minutes and seconds, with hours where there are any: 4:05, 1:02:30."""
+    """Return minutes and seconds, with hours if there are any: 4:05, 1:02:30."""
     whole = max(0, round(seconds))
     hours, rest = divmod(whole, 3600)
     return f"{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"
 
 
-def in_a_line(row: dict[str, Any], job: dict[str, Any], told_s: float) -> str:
-    """How far a job is by a row of its readings, and these; told_s: when the job's state was told, Unix s."""
-    since_s = max(row["time_s"] - told_s, 0.0)
+def progress_line(row: dict[str, Any], job: dict[str, Any], state_s: float) -> str:
+    """Return a job's progress and readings at a row; state_s: time of the job's state, Unix s."""
+    since_s = max(row["time_s"] - state_s, 0.0)
     elapsed_s, to_go_s = job["elapsed_s"] + since_s, max(job["to_go_s"] - since_s, 0.0)
     done = f"{clock(elapsed_s)} of about {clock(elapsed_s + to_go_s)}, {clock(to_go_s)} to go"
     parts = [f"{job['phase']:<9} {done}", number(row.get("temperature_degC"), "degC", 2)]
@@ -52,8 +52,8 @@ def in_a_line(row: dict[str, Any], job: dict[str, Any], told_s: float) -> str:
     return "   ".join([*parts, resistance(row.get("resistance_ohm")), drive])
 
 
-def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
-    """(what, how it is) of a state, in the order in which people ask."""
+def status_rows(state: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return (name, text) for the lines of `peltier status`."""
     reading, job, ticks = state["reading"], state["job"], state["ticks"]
     confirmed = off_in_words(state) if state["output_confirmed"] else "NOT CONFIRMED: switch the controller off by hand"
     found = [
@@ -74,7 +74,7 @@ def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
         if last.get("report"):
             found.append(("report", f"{last['folder']}/report.html"))
     wanted, unit = number(reading.get("setpoint_degC"), "degC", 3), state.get("drive_unit", "A")
-    unread = f"at most {number(ticks.get('unwatched_s'), 's', 2)} without a reading with a current on"
+    unread = f"at most {number(ticks.get('unwatched_s'), 's', 2)} without a reading while a current was on"
     found += [
         ("queue", f"{state['queue']} waiting" + ("; none starts" if state["no_job_because"] else "")),
         ("temperature", f"{number(reading.get('temperature_degC'), 'degC', 3)}, wanted {wanted}"),
@@ -94,13 +94,13 @@ def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def off_in_words(state: dict[str, Any]) -> str:
-    """That the controller confirmed it, and on what that rests."""
+    """Return the text for a confirmed "off", with its evidence."""
     rests_on = f" ({state['output_confirmed_by']})" if state.get("output_confirmed_by") else ""
     return f"confirmed by the controller{rests_on}"
 
 
 def job_in_words(job: dict[str, Any]) -> str:
-    """A job and what became of it, in a line."""
+    """Return a line about a job and its end."""
     text = f"job {job['id']} {job['name']} ({job['kind']}): {job['state']}"
     if job["started_s"] is not None and job["ended_s"] is not None:
         text += f" after {span(job['ended_s'] - job['started_s'])}"
@@ -116,15 +116,15 @@ def _gaps(gaps: dict[str, Any]) -> str:
 
 
 def stale(state: dict[str, Any]) -> str:
-    """That what is shown of the instruments is old; "" where it is not."""
+    """Return a text if the readings shown are old, else ""."""
     taken = state["reading"].get("time_s")
     if taken is None or (state["state"] != "offline" and state["time_s"] - taken <= FRESH_S):
         return ""
-    return f"NONE for {span(max(0.0, state['time_s'] - taken))}: what is shown is of before"
+    return f"NONE for {span(max(0.0, state['time_s'] - taken))}: the values shown are older"
 
 
-def in_a_log(state: dict[str, Any]) -> str:
-    """The bench in a line with the time of day, and what one should know at once behind it."""
+def watch_line(state: dict[str, Any]) -> str:
+    """Return a line with time of day, readings and urgent remarks, for `peltier watch` without a terminal."""
     reading, phase = state["reading"], state["job"]["phase"] if state["job"] else "-"
     clock_time = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(state["time_s"]))
     values = (

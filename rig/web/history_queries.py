@@ -1,7 +1,7 @@
-"""Questions to the history: few at a time, each in a thread, none for longer than its deadline.
+"""Queries of the history: few at a time, each in a thread, none for longer than its deadline.
 
-A question over a month takes one processor for a moment; forty at once would hold up everybody. Here they wait in
-line, which costs nothing, and who would wait for too long is told so.
+A query over a month takes one processor for a moment; forty at once would hold up everybody. Here they wait in line,
+which costs nothing, and one that would wait for too long is refused.
 """
 
 from __future__ import annotations
@@ -13,38 +13,38 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-AT_ONCE = 2  # questions: each takes a thread and a read of the disk
-MOST_WAITING = 60  # with pictures of a month some 60 ms each, the last one is answered in time
+AT_ONCE = 2  # queries: each takes a thread and a read of the disk
+MOST_WAITING = 60  # with figures of a month, some 60 ms each, the last one is answered in time
 DEADLINE_S = 8.0  # in line and in work; the page waits for 30 s
 
 
 class Busy(Exception):
-    """Too many wait."""
+    """Too many queries wait."""
 
 
 class TooLong(Exception):
-    """Not answered within the deadline."""
+    """A query was not answered within the deadline."""
 
 
-class HistoryDesk:
-    """Answers one question after the other, in threads of its own."""
+class HistoryQueries:
+    """Answers queries in threads of its own."""
 
     def __init__(self, deadline_s: float = DEADLINE_S, at_once: int = AT_ONCE) -> None:
         self._deadline_s, self._most = deadline_s, at_once + MOST_WAITING
         self._threads = ThreadPoolExecutor(at_once, "history")
         self._waiting = 0
 
-    async def answer(self, question: Callable[[float], Any]) -> Any:
-        """What a question gives, which is asked with the time.monotonic at which it has to end.
+    async def answer(self, query: Callable[[float], Any]) -> Any:
+        """Return the result of a query, which gets the time.monotonic at which it has to end.
 
-        Raises Busy, TooLong, and what the question raises.
+        Raises Busy, TooLong, and the query's exceptions.
         """
         if self._waiting >= self._most:
             raise Busy
         ends_s = time.monotonic() + self._deadline_s
         self._waiting += 1
         try:
-            task = asyncio.get_running_loop().run_in_executor(self._threads, _asked, question, ends_s)
+            task = asyncio.get_running_loop().run_in_executor(self._threads, _result, query, ends_s)
             task.add_done_callback(self._one_less)
         except BaseException:
             self._waiting -= 1
@@ -58,18 +58,18 @@ class HistoryDesk:
     def _one_less(self, task: asyncio.Future[Any]) -> None:
         self._waiting -= 1
         if not task.cancelled():
-            task.exception()  # seen, also where nobody waits for it any more
+            task.exception()  # retrieved, even if nobody waits for it any more
 
     def close(self) -> None:
         """Let the threads end."""
         self._threads.shutdown(wait=False, cancel_futures=True)
 
 
-def _asked(question: Callable[[float], Any], ends_s: float) -> Any:
+def _result(query: Callable[[float], Any], ends_s: float) -> Any:
     if time.monotonic() >= ends_s:
         raise TooLong
     try:
-        return question(ends_s)
+        return query(ends_s)
     except sqlite3.OperationalError:
         if time.monotonic() >= ends_s:
             raise TooLong from None

@@ -19,19 +19,19 @@ from urllib.parse import urlsplit
 import pytest
 
 from rig.core.faults import Faults
-from rig.daemon.admission import AT_MOST, FREE, FREE_TABLES, PORTS, WITHIN, admit
-from rig.daemon.client import Client
-from rig.daemon.control_socket import MOST_CONNECTIONS
+from rig.daemon.client import Client, Refusal
+from rig.daemon.configurations import AT_MOST, FREE, FREE_TABLES, PORTS, WITHIN, admit
+from rig.daemon.http_server import MOST_CONNECTIONS
 from rig.files.configuration import Configuration, ConfigurationFile, read_configuration
 from rig.files.json_text import parsed_json
 from rig.files.secret_keys import without_secrets
 from rig.files.toml_file import Table
 from rig.history import reading
 from rig.history.store import Retention, Store
-from rig.web import connections, serving
-from rig.web.few_lines import MOST_LINES, FewLines
-from rig.web.history_desk import MOST_WAITING, Busy, HistoryDesk, TooLong
-from rig.web.names import Names
+from rig.web import server, serving
+from rig.web.history_queries import MOST_WAITING, Busy, HistoryQueries, TooLong
+from rig.web.protection import Names
+from rig.web.server import MOST_LINES, BoundedLog
 from tests.daemon.benches import HEADERS, RunningBench, running, until, write_current
 
 TOKEN, METRICS, HOOK = (
@@ -243,12 +243,13 @@ def test_broken_text_stays_outside_and_a_list_that_holds_some_is_readable(bench:
     assert listed[0] == 200
     assert "film ?" in [job["name"] for job in listed[1]]
     with Client(bench.socket) as client:
-        refused = client.ask("submit", text=text, name="\ud800")
-        assert (refused["ok"], refused["status"]) == (False, 422)
-        assert client.ask("stop", by="\ud800")["confirmed"]  # a STOP is taken whoever says it
-        assert bench.desk.latch is not None
-        assert "somebody" in bench.desk.latch.text
-        assert client.ask("reset", reason="a test")["ok"]
+        with pytest.raises(Refusal) as refused:
+            client.ask("POST", "/api/jobs", text=text, name="\ud800")
+        assert refused.value.status == 400
+        assert client.ask("POST", "/api/stop", by="\ud800")["confirmed"]  # a STOP is taken whoever says it
+        assert bench.commands.latch is not None
+        assert "somebody" in bench.commands.latch.text
+        assert client.ask("POST", "/api/reset", reason="a test")["reset"]
 
 
 def test_one_press_on_two_ways_stops_once(bench: RunningBench) -> None:
@@ -289,7 +290,7 @@ def test_stop_has_a_listener_of_its_own(bench: RunningBench) -> None:
 
 def test_half_open_connections_shut_nobody_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serving, "PAGE_CONNECTIONS", 6)
-    monkeypatch.setattr(connections, "WHOLE_REQUEST_S", 1000.0)  # none of them is dropped for its age
+    monkeypatch.setattr(server, "WHOLE_REQUEST_S", 1000.0)  # none of them is dropped for its age
     path = write_current(tmp_path, more='[serve]\nport = 0\nfolder = "kept"\nidle_period_s = 0.1\n')
     with running(path, web=True) as bench, contextlib.ExitStack() as stack:
         place = urlsplit(bench.url)
@@ -301,7 +302,7 @@ def test_half_open_connections_shut_nobody_out(tmp_path: Path, monkeypatch: pyte
 
 
 def test_a_request_that_is_never_whole_is_dropped(bench: RunningBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "WHOLE_REQUEST_S", 0.1)
+    monkeypatch.setattr(server, "WHOLE_REQUEST_S", 0.1)
     place = urlsplit(bench.url)
     named = {**HEADERS, "Host": "127.0.0.1", "Content-Length": "9"}
     head = "".join(f"{name}: {value}\r\n" for name, value in named.items())
@@ -319,27 +320,27 @@ def test_who_is_silent_on_the_control_socket_makes_room(bench: RunningBench) -> 
             silent = stack.enter_context(socket.socket(socket.AF_UNIX))
             silent.connect(str(bench.socket))
         with Client(bench.socket) as client:
-            assert client.ask("state")["ok"]
+            assert client.ask("GET", "/api/state")["state"]
     assert bench.ask("GET", "/api/state", headers=bearer(TOKEN))[0] == 200
 
 
 def test_questions_to_the_history_wait_in_line_and_not_for_ever() -> None:
     async def crowded() -> None:
-        desk, go_on = HistoryDesk(deadline_s=math.inf), threading.Event()
-        waiting = [asyncio.ensure_future(desk.answer(lambda ends_s: go_on.wait())) for _ in range(MOST_WAITING + 2)]
+        commands, go_on = HistoryQueries(deadline_s=math.inf), threading.Event()
+        waiting = [asyncio.ensure_future(commands.answer(lambda ends_s: go_on.wait())) for _ in range(MOST_WAITING + 2)]
         await asyncio.sleep(0)
         with pytest.raises(Busy):
-            await desk.answer(lambda ends_s: 1)
+            await commands.answer(lambda ends_s: 1)
         go_on.set()
         assert all(await asyncio.gather(*waiting))
-        assert await desk.answer(lambda ends_s: 1) == 1
-        desk.close()
+        assert await commands.answer(lambda ends_s: 1) == 1
+        commands.close()
 
     async def late() -> None:
-        desk = HistoryDesk(deadline_s=-1.0)
+        commands = HistoryQueries(deadline_s=-1.0)
         with pytest.raises(TooLong):
-            await desk.answer(lambda ends_s: 1)
-        desk.close()
+            await commands.answer(lambda ends_s: 1)
+        commands.close()
 
     asyncio.run(crowded())
     asyncio.run(late())
@@ -350,13 +351,13 @@ def test_a_question_to_the_history_is_given_up_at_its_deadline(tmp_path: Path) -
     store.add({"time_s": 1e9 + k, "temperature_degC": 25.0} for k in range(30_000))
     store.close()
     with pytest.raises(sqlite3.OperationalError, match="interrupted"):
-        reading.stretch(tmp_path / "h.sqlite", 1e9, 1e9 + 3e4, 100, ends_s=time.monotonic() - 1.0)
-    assert len(reading.stretch(tmp_path / "h.sqlite", 1e9, 1e9 + 3e4, 100)["time_s"]) in (100, 101)
+        reading.span(tmp_path / "h.sqlite", 1e9, 1e9 + 3e4, 100, ends_s=time.monotonic() - 1.0)
+    assert len(reading.span(tmp_path / "h.sqlite", 1e9, 1e9 + 3e4, 100)["time_s"]) in (100, 101)
 
 
 def test_nobody_fills_the_log() -> None:
     now_s = 0.0
-    few = FewLines(lambda: now_s)
+    few = BoundedLog(lambda: now_s)
     record = logging.makeLogRecord({"msg": "Invalid HTTP request received.", "levelno": logging.WARNING})
     assert sum(few.filter(record) for _ in range(1000)) == MOST_LINES
     now_s = 61.0
