@@ -77,7 +77,7 @@ class LatchedBench:
         """As `peltier status` has it; None where nobody answers yet."""
         try:
             with Client(self._socket) as client:
-                found: dict[str, Any] = client.ask("state")["state"]
+                found: dict[str, Any] = client.ask("GET", "/api/state")
                 return found
         except (NoDaemon, KeyError):
             return None
@@ -95,10 +95,10 @@ class LatchedBench:
             time.sleep(0.02)
         raise RuntimeError(f"nothing of the kind in {PATIENCE_S:g} s: {state}; {self.said()}")
 
-    def ask(self, do: str, **more: Any) -> dict[str, Any]:
-        """A question to the daemon."""
+    def ask(self, method: str, path: str, /, **body: Any) -> Any:
+        """A request to the daemon."""
         with Client(self._socket) as client:
-            return client.ask(do, **more)
+            return client.ask(method, path, **body)
 
     def end(self, number: int) -> None:
         """End this life by a signal."""
@@ -112,9 +112,7 @@ class LatchedBench:
         with Client(self._socket, PATIENCE_S) as told, Client(self._socket) as client:
             events = told.events(PATIENCE_S)
             next(events)
-            answer = client.ask("submit", configuration="bench" if by_full_disk else "hot")
-            if not answer.get("ok"):
-                raise RuntimeError(f"not submitted: {answer}")
+            client.ask("POST", "/api/jobs", configuration="bench" if by_full_disk else "hot")
             for message in events:
                 data = message["data"]
                 on = message["event"] == "state" and data["job"] is not None and data["output"] == "on"

@@ -185,7 +185,7 @@ def over_http(first: int, count: int) -> dict[str, Any]:
             place = urlsplit(daemon.stdout.readline().split()[1])
             host, port = str(place.hostname), int(place.port or 0)
             with Client(folder / "bench.sock") as client:
-                stop_port = int(client.ask("state")["state"]["stop_port"])
+                stop_port = int(client.ask("GET", "/api/state")["stop_port"])
             tenth = count // 10
             found = http_wrong(host, port, range(first, first + count - tenth), token)
             more = http_wrong(host, stop_port, range(first + count - tenth, first + count), token)

@@ -30,7 +30,7 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks._killed_run import KilledRuns  # noqa: E402
 from rig.config.configuration import read_configuration  # noqa: E402
-from rig.guard.keep_trying import ended  # noqa: E402
+from rig.guard.takeover import end_trying  # noqa: E402
 from rig.ports.open import holder  # noqa: E402
 from tests.instruments.disobedient import FAULTS, Disobedient  # noqa: E402
 
@@ -96,7 +96,7 @@ def _one(driver: str, fault: str, way: str) -> tuple[Case, float]:
         while runs.witness.on and time.monotonic() < first_off_s + dead_man_s + 1.0 + MORE_S:
             time.sleep(0.01)
         gone_s = None if runs.witness.on else runs.witness.off_s - first_off_s
-        ended(holder(runs.port)[0])
+        end_trying(holder(runs.port)[0])
         return Case(driver, fault, way, process.returncode, gone_s, end_s - begin_s, flowed, err.strip()), dead_man_s
 
 

@@ -135,7 +135,7 @@ def measure(folder: Path, watched: Watched, url: str, options: argparse.Namespac
     place = urlsplit(url)
     host, port = str(place.hostname), int(place.port or 80)
     with Client(folder / "bench.sock") as client:
-        stop_port = client.ask("state")["state"]["stop_port"]
+        stop_port = client.ask("GET", "/api/state")["stop_port"]
     command = [sys.executable, "-c", "import sys; from rig.__main__ import main; sys.exit(main())", "stop"]
     ways: dict[str, Callable[[], Any]] = {
         "POST, STOP's own listener": lambda: post_stop(host, stop_port),

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rig.core.clock import VirtualClock
 from rig.drivers.registry import open_controller, open_meter
-from rig.ports import registry
+from rig.ports import protocol_sim
 from sim.instruments.registry import emulated_controller, emulated_meter
 
 REPEATS, ROUNDS = 5000, 5
@@ -84,8 +84,8 @@ def cost_us(action: Callable[[], object]) -> float:
 def period_us() -> float:
     """A control period of the fastest pair."""
     clock, plant = VirtualClock(), NoPlant()
-    tec = registry.register("period-tec", emulated_controller("meerstetter", plant), clock)
-    dmm = registry.register("period-dmm", emulated_meter("keithley2000", plant), clock)
+    tec = protocol_sim.register("period-tec", emulated_controller("meerstetter", plant), clock)
+    dmm = protocol_sim.register("period-dmm", emulated_meter("keithley2000", plant), clock)
     controller, meter = open_controller("meerstetter", tec, clock), open_meter("keithley2000", dmm, clock)
     controller.configure(4.0, (10.0, 95.0), 5.0)
     controller.arm_current()
@@ -112,7 +112,7 @@ def main() -> None:
     rows: dict[str, float] = {}
     for name in ("meerstetter", "srs_ldc500", "te_technology"):
         clock, plant = VirtualClock(), NoPlant()
-        address = registry.register(f"exchange-{name}", emulated_controller(name, plant), clock)
+        address = protocol_sim.register(f"exchange-{name}", emulated_controller(name, plant), clock)
         controller = open_controller(name, address, clock)
         controller.configure(4.0, (10.0, 95.0), 5.0)
         rows[f"{name}: read_temperature"] = cost_us(controller.read_temperature)
@@ -124,7 +124,7 @@ def main() -> None:
             rows[f"{name}: set_setpoint_degC"] = cost_us(lambda one=controller: one.set_setpoint_degC(30.0))
     for name in ("hp34401a", "keithley2000", "keithley2400"):
         clock, plant = VirtualClock(), NoPlant()
-        address = registry.register(f"exchange-{name}", emulated_meter(name, plant), clock)
+        address = protocol_sim.register(f"exchange-{name}", emulated_meter(name, plant), clock)
         meter = open_meter(name, address, clock)
         meter.configure(True, 1.0, 1e-3)
         rows[f"{name}: read_resistance"] = cost_us(meter.read)

@@ -2,7 +2,7 @@
 
     ./peltier benchmark fortnight [--days 14] [--json FILE]
 
-The whole bench process on a virtual clock: keeper, desk, queue, history with roll-ups and retention; both instruments
+The whole bench process on a virtual clock: supervisor, command queue, history with roll-ups, retention; instruments
 byte by byte. Every eight hours or so the instruments are unplugged (new ones are there 3 s later), one reply in 5000
 has a byte garbled, one in 20000 is lost, a job runs every two hours, and in the first four days the process is killed
 with SIGKILL every sixteen hours or so and begun again. Asked: memory does not grow after the first day; late and missed
@@ -80,10 +80,10 @@ def life(folder: Path, seed: int, from_s: float, to_s: float) -> None:
     from rig.config.configuration import read_configuration
     from rig.core.clock import VirtualClock
     from rig.core.outcome import Stopped
-    from rig.daemon.desk import Desk
-    from rig.daemon.keeper import Keeper
+    from rig.daemon.command_queue import CommandQueue
+    from rig.daemon.supervisor import Supervisor
     from rig.daemon.systemd import Notifier
-    from rig.ports import registry
+    from rig.ports import protocol_sim
 
     chance = random.Random(seed)
     plain = benches.register
@@ -95,11 +95,11 @@ def life(folder: Path, seed: int, from_s: float, to_s: float) -> None:
 
     benches.register = register  # type: ignore[assignment]
     file = read_configuration(folder / "bench.toml")
-    desk = Desk(file, VirtualClock(), [])
-    begun_s = desk.label_s() - from_s  # labels begin at the same moment in every life
-    desk._epoch_s += 1_790_000_000.0 - begun_s
-    keeper = Keeper(file, desk, Notifier())
-    shown = desk._shown
+    commands = CommandQueue(file, VirtualClock(), [])
+    begun_s = commands.label_s() - from_s  # labels begin at the same moment in every life
+    commands._epoch_s += 1_790_000_000.0 - begun_s
+    supervisor = Supervisor(file, commands, Notifier())
+    shown = commands._published
     events = {"unplugs": 0, "lost": 0}
     next_s = {"hour": from_s + HOUR_S, "unplug": from_s + chance.uniform(0.5, 1.5) * 8 * HOUR_S, "job": from_s + HOUR_S}
 
@@ -108,36 +108,36 @@ def life(folder: Path, seed: int, from_s: float, to_s: float) -> None:
         last["row_s"] = row["time_s"]
 
     last = {"row_s": 0.0}
-    desk.writer._publish = told
-    plain_row = desk.row
+    commands.writer._publish = told
+    plain_row = commands.row
 
     def row(row: dict[str, Any]) -> None:
         plain_row(row)
         now_s = row["time_s"] - 1_790_000_000.0
         if now_s >= next_s["job"]:
             next_s["job"] += JOBS_S
-            desk.submit(file)
+            commands.submit(file)
         if now_s >= next_s["unplug"]:
             next_s["unplug"] = now_s + chance.uniform(0.5, 1.5) * 8 * HOUR_S
             events["unplugs"] += 1
             for name in plugged:
-                registry.unregister(name)
-        if desk.latch is not None:
+                protocol_sim.unregister(name)
+        if commands.latch is not None:
             events["lost"] += 1
-            desk.reset("the benchmark goes on")
+            commands.reset("the benchmark goes on")
         if now_s >= next_s["hour"]:
             next_s["hour"] += HOUR_S
-            line = {"at_s": now_s, "rss_kB": resident_kB(), "row_s": last["row_s"], **desk.ticks.__dict__, **events}
+            line = {"at_s": now_s, "rss_kB": resident_kB(), "row_s": last["row_s"], **commands.ticks.__dict__, **events}
             print(json.dumps(line), flush=True)
         if now_s >= to_s:
-            keeper.end()
+            supervisor.end()
 
-    desk.row = row  # type: ignore[method-assign]
+    commands.row = row  # type: ignore[method-assign]
     try:
-        keeper.keep()
+        supervisor.keep()
     except Stopped:
-        if desk.writer.store is not None:
-            desk.writer.store.close()
+        if commands.writer.store is not None:
+            commands.writer.store.close()
 
 
 def resident_kB() -> int:
@@ -180,8 +180,7 @@ def main() -> int:
         folder, seed, from_s, to_s = options.life
         life(Path(folder), int(seed), float(from_s), float(to_s))
         return 0
-    from rig.history.damage import what_is_wrong
-    from rig.history.tables import connect_to_read
+    from rig.history.store import connect_to_read, what_is_wrong
 
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as temporary:

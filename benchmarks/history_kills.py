@@ -25,9 +25,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from rig.history.damage import what_is_wrong
-from rig.history.store import Retention, Store
-from rig.history.tables import connect_to_read
+from rig.history.store import Retention, Store, connect_to_read, what_is_wrong
 from rig.history.writer import Writer
 
 ROOM = 3_000_000  # bytes beyond what is there, for the full disk

@@ -40,8 +40,8 @@ from stop_latency import BENCH, Watched, until
 
 from rig.bench.assembly import emulated_instruments
 from rig.config.configuration import read_configuration
-from rig.daemon.client import Client
-from rig.history.tables import connect_to_read
+from rig.daemon.client import Client, Refusal
+from rig.history.store import connect_to_read
 from rig.ports.pseudo_terminal import PseudoTerminals
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -128,8 +128,9 @@ def note_answers(watched: Watched) -> list[float]:
 def begin(path: Path, place: Path, watched: Watched) -> None:
     """A job with the output on."""
     with Client(place) as client:
-        for answer in (client.ask("reset", reason="the benchmark"), client.ask("submit", path=str(path))):
-            assert answer["ok"], answer
+        with contextlib.suppress(Refusal):  # nothing is latched
+            client.ask("POST", "/api/reset", reason="the benchmark")
+        client.ask("POST", "/api/jobs", path=str(path))
     until(lambda: watched.on)
 
 
@@ -207,7 +208,7 @@ def rigs(options: argparse.Namespace) -> dict[str, Any]:
         running = folders[::2]
         for folder in running:
             with Client(folder / "bench.sock") as client:
-                client.ask("submit", path=str(folder / "bench.toml"))
+                client.ask("POST", "/api/jobs", path=str(folder / "bench.toml"))
         until(lambda: all(state(folder)["state"] == "running" for folder in running))
         time.sleep(5.0)
         found: dict[str, Any] = {"load_before": load()}
@@ -226,7 +227,7 @@ def rigs(options: argparse.Namespace) -> dict[str, Any]:
 def state(folder: Path) -> dict[str, Any]:
     """A daemon's state."""
     with Client(folder / "bench.sock", STARTS_S) as client:
-        found: dict[str, Any] = client.ask("state")["state"]
+        found: dict[str, Any] = client.ask("GET", "/api/state")
         return found
 
 

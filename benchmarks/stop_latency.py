@@ -12,6 +12,7 @@ median. (How long a browser takes to send it is measured with the page.)
 from __future__ import annotations
 
 import argparse
+import contextlib
 import http.client
 import json
 import os
@@ -28,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rig.bench.assembly import emulated_instruments
 from rig.config.configuration import read_configuration
-from rig.daemon.client import Client, NoDaemon
+from rig.daemon.client import Client, NoDaemon, Refusal
 from rig.ports.pseudo_terminal import PseudoTerminals
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -154,7 +155,7 @@ def measure(folder: Path, watched: Watched, url: str, stops: int) -> dict[str, l
 
     def ask() -> None:
         with Client(folder / "bench.sock") as client:
-            assert client.ask("stop", by="the benchmark")["confirmed"]
+            assert client.ask("POST", "/api/stop", by="the benchmark")["confirmed"]
 
     ways: dict[str, Callable[[], Any]] = {
         "POST /api/stop": lambda: post_stop(url),
@@ -174,20 +175,21 @@ def once(folder: Path, watched: Watched, way: Callable[[], Any]) -> float:
     """Seconds from one way's beginning to the output's being off."""
     until(lambda: listening(folder))
     with Client(folder / "bench.sock") as client:
-        client.ask("reset", reason="the next one")
-        assert client.ask("submit", path=str(folder / "bench.toml"))["ok"]
+        with contextlib.suppress(Refusal):  # nothing is latched
+            client.ask("POST", "/api/reset", reason="the next one")
+        client.ask("POST", "/api/jobs", path=str(folder / "bench.toml"))
         until(lambda: running(client) and watched.on)
         time.sleep(0.237)  # somewhere between two ticks
         begin = time.perf_counter()
         way()
         until(lambda: watched.off_s > begin)
-        until(lambda: client.ask("state")["state"]["job"] is None)
+        until(lambda: client.ask("GET", "/api/state")["job"] is None)
     return watched.off_s - begin
 
 
 def running(client: Client) -> bool:
     """Whether the job has come to its profile; ends the benchmark where it never will."""
-    state = client.ask("state")["state"]
+    state = client.ask("GET", "/api/state")
     if state["trip"]:
         raise SystemExit(f"the job tripped: {state['trip']['text']}")
     return bool((state["job"] or {}).get("phase") == "profile")
@@ -197,7 +199,7 @@ def listening(folder: Path) -> bool:
     """Whether the daemon's bench is there."""
     try:
         with Client(folder / "bench.sock") as client:
-            return bool(client.ask("state")["state"]["output_confirmed"])
+            return bool(client.ask("GET", "/api/state")["output_confirmed"])
     except NoDaemon:
         return False
 

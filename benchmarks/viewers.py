@@ -25,7 +25,7 @@ from urllib.parse import urlsplit
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rig.daemon.client import Client
-from rig.history.tables import connect_to_read
+from rig.history.store import connect_to_read
 
 PERIOD_S, SETTLE_S = 0.1, 2.0
 BENCH = """
@@ -104,8 +104,8 @@ def main() -> int:
             assert daemon.stdout is not None
             url = daemon.stdout.readline().split()[1]
             with Client(folder / "bench.sock") as client:
-                client.ask("submit", path=str(folder / "bench.toml"))
-                while (client.ask("state")["state"]["job"] or {}).get("phase") != "profile":
+                client.ask("POST", "/api/jobs", path=str(folder / "bench.toml"))
+                while (client.ask("GET", "/api/state")["job"] or {}).get("phase") != "profile":
                     time.sleep(0.1)
                 stretches: dict[str, list[float]] = {"without": [], "with": []}
                 seen = 0
@@ -117,8 +117,8 @@ def main() -> int:
                             time.sleep(options.seconds)
                         history = folder / "kept" / "history.sqlite"
                         stretches[name] += lateness_s(history, begin_s + SETTLE_S, time.time())
-                missed = client.ask("state")["state"]["ticks"]["missed"]
-                client.ask("stop", by="the benchmark")
+                missed = client.ask("GET", "/api/state")["ticks"]["missed"]
+                client.ask("POST", "/api/stop", by="the benchmark")
         finally:
             daemon.terminate()
             daemon.wait()

@@ -34,7 +34,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rig.core.clock import VirtualClock
 from rig.drivers.scpi_meter import ScpiMeter
-from rig.ports import registry
+from rig.ports import protocol_sim
 from tests.instruments.faulty_wire import DISORDER, REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
 from tests.instruments.still_plant import StillPlant
 from tests.instruments.wire_cases import CONTROLLERS, METERS, Case, Tally, controller_on, exchange, meter_on
@@ -142,9 +142,9 @@ def confirmed_share(count: int) -> float:
 def confirmation_ms(case: Case) -> tuple[float, float]:
     """Time of a reading with its proof, and of a bare question and its answer, on a good wire, ms."""
     clock, name = VirtualClock(), "wire-cost"
-    registry.unregister(name)
+    protocol_sim.unregister(name)
     opened = (meter_on if case.meter else controller_on)(
-        lambda end: registry.register(name, end, clock), clock, case, StillPlant(), 1, ()
+        lambda end: protocol_sim.register(name, end, clock), clock, case, StillPlant(), 1, ()
     )
     instrument: Any = opened[0]
     line = opened[1]
@@ -153,7 +153,7 @@ def confirmation_ms(case: Case) -> tuple[float, float]:
     begin_s = clock.now_s()
     ask()
     proven_s = clock.now_s() - begin_s
-    registry.unregister(name)
+    protocol_sim.unregister(name)
     question = BARE.get(str(case), BARE.get(case.driver, b""))
     if not question:  # nothing is added to a bare question
         return 1e3 * proven_s, 1e3 * proven_s

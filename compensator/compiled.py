@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import logging
 import os
 import pickle
 import secrets
@@ -41,6 +40,8 @@ from numba.core.extending import _Intrinsic
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.misc.appdirs import AppDirs
+
+from compensator import listeners
 
 config: Any = numba.config
 F = TypeVar("F", bound=Callable[..., Any])
@@ -89,7 +90,9 @@ def folders() -> list[Path]:
     return [beside, *([of_user] if of_user.is_absolute() else [])]  # without a home the name begins with "~"
 
 
-LOG = logging.getLogger("compensator")  # that loops are compiled, and that they cannot be kept
+def _report(line: str) -> None:
+    for listener in listeners[-1:]:
+        listener(line)
 
 
 class _Cache:
@@ -121,7 +124,7 @@ class _Cache:
         _Cache.count += 1
         if _Cache.count > FEW and not _Cache.told:
             _Cache.told = True
-            LOG.warning("compiling loops, once (about a minute; `peltier precompile` does it ahead)")
+            _report("compiling loops, once (about a minute; `peltier precompile` does it ahead)")
         return None
 
     def save_overload(self, signature: Any, result: Any) -> None:
@@ -140,7 +143,7 @@ class _Cache:
         if not _Cache.told_unkept:
             _Cache.told_unkept = True
             text = f"compiled loops cannot be kept ({'; '.join(problems)})"
-            LOG.warning(f"{text}: set NUMBA_CACHE_DIR to a folder that can be written")
+            _report(f"{text}: set NUMBA_CACHE_DIR to a folder that can be written")
 
     def flush(self) -> None:
         """Forget nothing: a file that is there is right."""

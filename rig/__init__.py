@@ -9,8 +9,11 @@ docs/python.md is an hour with them. A name is loaded when it is first used, so 
 `import rig` costs nothing.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from compensator import listeners
 
 if TYPE_CHECKING:
     from rig.config.model_file import Model
@@ -28,6 +31,11 @@ if TYPE_CHECKING:
     from rig.version import __version__
 
 
+def _to_stderr(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+listeners.append(_to_stderr)  # that loops are compiled
 _PLACES = {
     "__version__": "version",
     "Faults": "core.faults",

@@ -21,10 +21,10 @@ from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.drivers.meter import ResistanceMeter
 from rig.drivers.registry import check_options, controller_class, meter_class, open_controller, open_meter
-from rig.guard.line import UNGUARDED, Guard
+from rig.guard.pipe import UNGUARDED, Guard
 from rig.ports.open import open_elsewhere
-from rig.ports.registry import register, unregister
-from rig.ports.silence import nobody_answers
+from rig.ports.protocol_sim import register, unregister
+from rig.ports.transport import nobody_answers
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter, emulator_options
 from sim.world.plant import SimulatedPlant

@@ -10,8 +10,8 @@ from rig.config.tables import ControllerTable
 from rig.core.errors import called
 from rig.core.outcome import NotConfirmedOff, OfOutput
 from rig.drivers.controller import TemperatureController
-from rig.guard.line import UNGUARDED, Guard
-from rig.ports.silence import nobody_answers
+from rig.guard.pipe import UNGUARDED, Guard
+from rig.ports.transport import nobody_answers
 from rig.safety.signals import SignalStop
 from rig.safety.switching_off import off_confirmed, switch_off
 

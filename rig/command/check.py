@@ -25,7 +25,7 @@ from rig.command.say import Voice
 if TYPE_CHECKING:
     from rig.bench.assembly import Bench
     from rig.config.configuration import ConfigurationFile
-    from rig.drivers.search import Tried
+    from rig.drivers.registry import Tried
 
 STOPS = 11  # times that switching off is measured
 
@@ -127,7 +127,7 @@ def _who(port: str, first: list[str]) -> Tried | None:
     from rig.core.clock import RealClock
     from rig.core.errors import Disconnected
     from rig.core.terminal_line import TerminalLine
-    from rig.drivers.search import tries
+    from rig.drivers.registry import tries
 
     line = TerminalLine(sys.stderr)
     with suppress(Disconnected):
@@ -201,7 +201,7 @@ def _wanted() -> bool:
 
 def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
     """The instrument's own limits and dead man, read back."""
-    from rig.drivers.heater_drive import drive_unit
+    from rig.drivers.controller import drive_unit
 
     limits, controller = file.content.limits, bench.controller
     own = controller.own_limits()

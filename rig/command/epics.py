@@ -20,7 +20,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     require("epics")
     from rig.config.configuration import read_configuration
-    from rig.daemon.places import socket_of
+    from rig.daemon.client import socket_of
     from rig.epics.serving import serve
 
     file = read_configuration(options.config, for_experiment=False)

@@ -7,7 +7,7 @@ import time
 from types import TracebackType
 
 from rig.core.terminal_line import TerminalLine
-from rig.daemon.words import clock
+from rig.daemon.status_text import clock
 
 
 class ManyProgress:

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 from rig.command.stop import stopped
 from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff
-from rig.daemon.asking import NONE_RUNS, json_argument, report, teller
-from rig.daemon.client import Client, NoDaemon, daemons
+from rig.daemon.client import NONE_RUNS, Client, NoDaemon, Refusal, daemons, json_argument, text_stream, write_json
 
 if TYPE_CHECKING:
     from rig.core.errors import PortHeld
@@ -67,11 +66,11 @@ def _off(options: argparse.Namespace) -> int:
 
 def _nothing_on(port: str, config: Path, others: list[str], target: str | None) -> int:
     """Nobody simulates this configuration's rig. others: daemons that run, of other configurations."""
-    report(target, {"off": True, "confirmed": True, "took_s": 0.0})
+    write_json(target, {"off": True, "confirmed": True, "took_s": 0.0})
     text = f"{port}: simulated, and no daemon serves {config}: nothing is on"
     if others:
         text += f"; left alone: {', '.join(others)} (`peltier stop --bench NAME` stops one)"
-    print(text, file=teller(target), flush=True)
+    print(text, file=text_stream(target), flush=True)
     return 0
 
 
@@ -98,9 +97,10 @@ def _controller(path: Path) -> Held:
 
 def _who(client: Client) -> dict[str, Any]:
     try:
-        return client.ask("who")
-    except NoDaemon:
+        found: dict[str, Any] = client.ask("GET", "/daemon")
+    except (NoDaemon, Refusal):
         return {}
+    return found
 
 
 def _serves(client: Client, config: Path) -> bool:
@@ -120,8 +120,8 @@ def _switched_off(held: Held, target: str | None) -> int:
     import time
 
     from rig.daemon.systemd import Notifier
-    from rig.guard.keep_trying import keep_trying
-    from rig.ports.silence import nobody_answers
+    from rig.guard.takeover import keep_trying
+    from rig.ports.transport import nobody_answers
     from rig.safety.switching_off import off_confirmed, switch_off
 
     begin = time.monotonic()
@@ -136,16 +136,16 @@ def _switched_off(held: Held, target: str | None) -> int:
             controller.close()
         took_s = time.monotonic() - begin
         if verdict.confirmed and not doubted:
-            report(target, {"off": True, "confirmed": True, "took_s": took_s})
+            write_json(target, {"off": True, "confirmed": True, "took_s": took_s})
             how = f": {verdict.text}" if verdict.text else ""
             text = off_confirmed(controller, f" in {1e3 * took_s:.0f} ms")
-            print(f"{held.port}: {text}{how}", file=teller(target), flush=True)
+            print(f"{held.port}: {text}{how}", file=text_stream(target), flush=True)
             return 0
         silent = nobody_answers(controller, held.port, "controller", held.driver, "to switch its output off")
         problem = silent or f"{held.port}: {verdict.text}"
         if verdict.confirmed:
             problem = f"{held.port}: the controller says now that its output is off, but before it did not confirm that"
-    report(target, {"off": False, "confirmed": False, "took_s": time.monotonic() - begin})
+    write_json(target, {"off": False, "confirmed": False, "took_s": time.monotonic() - begin})
     print(f"peltier off: OUTPUT NOT CONFIRMED OFF: {problem}. Switch the controller off by hand.", file=sys.stderr)
     if controller is not None and not verdict.confirmed:
         keep_trying(held)
@@ -162,7 +162,7 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
     from rig.core.clock import RealClock
     from rig.core.errors import PortHeld
     from rig.drivers.registry import controller_class, open_controller
-    from rig.guard.keep_trying import ended
+    from rig.guard.takeover import end_trying
 
     try:
         controller_class(held.driver)
@@ -173,7 +173,7 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
         try:
             return open_controller(held.driver, held.port, RealClock(), **held.options), "", doubted
         except PortHeld as error:
-            if not (ended(error.pid) or doubted):
+            if not (end_trying(error.pid) or doubted):
                 raise _still_held(error) from None
             doubted, problem = True, str(error)
         except ValueError as error:

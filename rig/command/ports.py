@@ -56,7 +56,7 @@ def _asked(port: str, voice: Voice) -> dict[str, Any]:
     from rig.core.clock import RealClock
     from rig.core.errors import RigError
     from rig.core.terminal_line import TerminalLine
-    from rig.drivers.search import tries
+    from rig.drivers.registry import tries
 
     line = TerminalLine(sys.stderr)
     came: dict[str, list[str]] = {}

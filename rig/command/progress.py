@@ -7,8 +7,8 @@ import math
 from rig.control.tick import Tick
 from rig.core.reading import Reading
 from rig.core.terminal_line import PatientLine, TerminalLine
-from rig.daemon.words import clock, number, resistance
-from rig.drivers.heater_drive import OF_FULL_DRIVE
+from rig.daemon.status_text import clock, number, resistance
+from rig.drivers.controller import OF_FULL_DRIVE
 from rig.experiment.expected import Phases, still_to_come
 
 

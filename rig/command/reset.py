@@ -8,8 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from rig.daemon.asking import bench_argument, checked, one_daemon
-from rig.daemon.client import NoDaemon
+from rig.daemon.client import NoDaemon, Refusal, bench_argument, one_daemon
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,14 +19,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     try:
         with one_daemon(options.bench) as client:
-            answer = client.ask("reset", reason=options.reason)
+            waiting = client.ask("POST", "/api/reset", reason=options.reason)["queue"]
     except NoDaemon as error:
         print(f"peltier reset: {error}", file=sys.stderr)
         return 1
-    if answer.get("status") in (409, 503):  # nothing is latched; or it stays latched, as it cannot be written down
-        print(f"peltier reset: {answer['faults'][0]}", file=sys.stderr)
+    except Refusal as refusal:
+        if refusal.status not in (409, 503):  # nothing is latched; or it stays latched, as it cannot be written
+            raise
+        print(f"peltier reset: {refusal}", file=sys.stderr)
         return 1
-    waiting = checked(answer)["queue"]
     jobs = "1 job waits and goes" if waiting == 1 else f"{waiting} jobs wait and go"
     print(f"reset; {jobs} on now" if waiting else "reset; no job waits")
     return 0

@@ -10,8 +10,8 @@ import argparse
 from pathlib import Path
 
 from rig.core.posix_only import require
-from rig.guard.line import Guard
 from rig.guard.needed import guarded_where_needed
+from rig.guard.pipe import Guard
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,9 +9,16 @@ import argparse
 import sys
 
 from rig.core.outcome import NotConfirmedOff
-from rig.daemon.asking import bench_argument, checked, json_argument, one_daemon, report, some_daemons, teller
-from rig.daemon.client import NoDaemon
-from rig.daemon.words import rows_of
+from rig.daemon.client import (
+    NoDaemon,
+    bench_argument,
+    daemons_called,
+    json_argument,
+    one_daemon,
+    text_stream,
+    write_json,
+)
+from rig.daemon.status_text import status_rows
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,13 +29,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     status = 0
     try:
-        for client in some_daemons(options.bench) if options.json is None else [one_daemon(options.bench)]:
+        for client in daemons_called(options.bench) if options.json is None else [one_daemon(options.bench)]:
             with client:
-                state = checked(client.ask("state"))["state"]
-            report(options.json, state)
-            print(f"{state['name']}, peltier-rig {state['version']}", file=teller(options.json))
-            for what, how in rows_of(state):
-                print(f"  {what:<14} {how}", file=teller(options.json))
+                state = client.ask("GET", "/api/state")
+            write_json(options.json, state)
+            print(f"{state['name']}, peltier-rig {state['version']}", file=text_stream(options.json))
+            for what, how in status_rows(state):
+                print(f"  {what:<14} {how}", file=text_stream(options.json))
             if state["output"] == "unknown":
                 status = NotConfirmedOff.exit_status
     except NoDaemon as error:

@@ -1,7 +1,7 @@
-"""peltier stop: the output off at once, the running job ended, the waiting ones taken out of the queue..
+"""peltier stop: the output off at once, the running job ended, the waiting ones taken out of the queue.
 
-Asks the daemon's bench process itself, so that it works without the page. Exit status 11 where the controller did not
-confirm that its output is off.
+It talks to the daemon's bench process itself, so that it works without the page. Exit status 11 if the controller did
+not confirm that its output is off.
 """
 
 from __future__ import annotations
@@ -10,8 +10,16 @@ import argparse
 import sys
 
 from rig.core.outcome import NotConfirmedOff
-from rig.daemon.asking import bench_argument, json_argument, report, some_daemons, teller
-from rig.daemon.client import Client, NoDaemon
+from rig.daemon.client import (
+    Client,
+    NoDaemon,
+    Refusal,
+    bench_argument,
+    daemons_called,
+    json_argument,
+    text_stream,
+    write_json,
+)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +29,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     try:
-        clients = some_daemons(options.bench)
+        clients = daemons_called(options.bench)
     except NoDaemon as error:
         print(f"peltier stop: {error}; `peltier off CONFIG` needs none", file=sys.stderr)
         return 1
@@ -29,15 +37,15 @@ def main(options: argparse.Namespace) -> int:
 
 
 def stopped(client: Client, by: str, target: str | None) -> int:
-    """Stop one daemon, and print its answer: the exit status."""
+    """Stop one daemon and print its answer; return the exit status."""
     name = client.path.stem
     try:
         with client:
-            answer = client.ask("stop", by=by)
-    except NoDaemon as error:
+            answer = client.ask("POST", "/api/stop", by=by)
+    except (NoDaemon, Refusal) as error:
         print(f"{by}: OUTPUT NOT CONFIRMED OFF: {error}. Switch the controller off by hand.", file=sys.stderr)
         return NotConfirmedOff.exit_status
-    report(target, answer)
+    write_json(target, answer)
     if not answer.get("confirmed"):
         print(
             f"{by}: OUTPUT NOT CONFIRMED OFF: the controller of {name} did not confirm it within "
@@ -47,6 +55,6 @@ def stopped(client: Client, by: str, target: str | None) -> int:
         return NotConfirmedOff.exit_status
     rests_on = f" ({answer['confirmed_by']})" if answer.get("confirmed_by") else ""
     text = f"{name}: output off, confirmed by the controller in {1e3 * answer['took_s']:.0f} ms{rests_on}"
-    queue = "what waited is out of the queue, and nothing begins until `peltier reset`"
-    print(f"{text}; {queue}", file=teller(target), flush=True)
+    queue = "waiting jobs are out of the queue, and nothing begins until `peltier reset`"
+    print(f"{text}; {queue}", file=text_stream(target), flush=True)
     return 0

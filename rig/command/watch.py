@@ -8,9 +8,8 @@ import time
 from typing import Any
 
 from rig.core.faults import fault
-from rig.daemon.asking import bench_argument, one_daemon
-from rig.daemon.client import Client, NoDaemon
-from rig.daemon.words import in_a_log, rows_of
+from rig.daemon.client import Client, NoDaemon, bench_argument, one_daemon
+from rig.daemon.status_text import status_rows, watch_line
 
 EVERY_S = 0.25  # as often as anybody reads a changing number
 
@@ -63,7 +62,7 @@ def _table(client: Client, end_s: float | None) -> None:
                 continue
             shown_s = time.monotonic()
             table = Table(title=f"{state['name']}  (Ctrl-C leaves; `peltier stop` stops)", show_header=False)
-            for what, how in rows_of(state):
+            for what, how in status_rows(state):
                 style = colour.get(state["state"], "") if what in ("state", "trip", "stop") else ""
                 style = "bold red" if what == "output" and not state["output_confirmed"] else style
                 table.add_row(what, how, style=style)
@@ -76,4 +75,4 @@ def _lines(client: Client, end_s: float | None) -> None:
         if time.monotonic() - shown_s < 1.0:
             continue
         shown_s = time.monotonic()
-        print(in_a_log(state), flush=True)
+        print(watch_line(state), flush=True)

@@ -103,8 +103,7 @@ class MeterTable(InstrumentTable):
 
     @model_validator(mode="after")
     def _check(self) -> MeterTable:
-        from rig.drivers.formula import formula
-        from rig.drivers.formula_meter import check_output
+        from rig.drivers.formula import check_output, formula
 
         given = [name for name in ("output", "formula") if getattr(self, name) is not None]
         if self.quantity == "resistance":

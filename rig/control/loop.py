@@ -4,7 +4,7 @@ A tick reads the temperature, fetches the reading that the meter was asked for b
 asks the policy, and sends the command; the row's time is that of the temperature's reading, a few milliseconds before
 its current acts. Ticks lie on a fixed grid of the bench's clock; one that is missed is counted and not made up for.
 
-A reading that is frozen, jumps or is missing is none (`rig.safety.credible`): the policy is given nan, and goes on
+A reading that is frozen, jumps or is missing is none (`rig.safety.sensor_faults`): the policy is given nan, and goes on
 without it until the interlock finds that too long. A trip latches: a loop that has tripped runs no further phase.
 
 Nothing is computed with the output on: what takes longer than a tick is done before the first phase, or inside
@@ -27,12 +27,11 @@ from rig.core.errors import Disconnected, InstrumentError, of_whom
 from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
 from rig.drivers.meter import LOG_RESISTANCE, film_output, on_since_s
-from rig.ports.silence import fallen_silent
+from rig.ports.transport import fallen_silent
 from rig.records.run_folder import RunFolder
-from rig.safety.after_off import Courses
-from rig.safety.bench_watch import BenchWatch, Sent, is_reading, status_in_words, status_of
+from rig.safety.after_off import ExpectedCurves
+from rig.safety.bench_watch import BenchWatch, Limits, Sent, check_test_current, is_reading, status_in_words, status_of
 from rig.safety.first_plate import KnownPlate
-from rig.safety.interlock import Limits, check_test_current
 from rig.safety.signals import SignalStop
 from rig.safety.switching_off import switch_off
 
@@ -77,7 +76,7 @@ class Loop:
         self._read_s: float | None = None  # the last reading with a current on
         self._told_s = -math.inf
 
-    def after_off(self) -> Courses | None:
+    def after_off(self) -> ExpectedCurves | None:
         """What the thermometer would show if the output went off now; None where no reading could choose."""
         return self.watch.after_off(self.sent.current_A)
 

@@ -8,7 +8,7 @@ nobody; when it was read, the reading's own time says.
                                      if there is no time for it later          so that it is there as the thermometer is
 
 Where the period has room for more integrations than one, a reading is the mean of several, by the meter's own filter
-(`rig.drivers.averaging`): a meter that idles for a half of the period measures in it, and its readings' noise falls.
+(`rig.drivers.meter`): a meter that idles for a half of the period measures in it, and its readings' noise falls.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from rig.core.clock import Clock
 from rig.core.errors import Disconnected, InstrumentError, Refused
 from rig.core.faults import Faults
 from rig.core.reading import Reading
-from rig.drivers.averaging import Averaging, average
-from rig.drivers.meter import Meter, settled_reading
+from rig.drivers.meter import Averaging, Meter, average, settled_reading
 
 ROOM = 0.9  # of a period, that a reading may take: the rest is for a host that is late, and for the decision
 LONGEST_S = 0.1  # of averaging: the law weighs readings over half a second, so that it loses nothing by that

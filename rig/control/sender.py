@@ -16,9 +16,8 @@ from dataclasses import replace
 from rig.bench.assembly import Bench
 from rig.control.decision import Decision
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, TimedOut, of_whom
-from rig.ports.silence import fallen_silent
-from rig.safety.bench_watch import OFF, BenchWatch, Sent
-from rig.safety.interlock import Limits
+from rig.ports.transport import fallen_silent
+from rig.safety.bench_watch import OFF, BenchWatch, Limits, Sent
 
 MEASURED_EVERY_S = 0.25  # the current under the controller's own regulation
 MAY_HAVE_ARRIVED = (TimedOut, Corrupt, OutOfStep)

@@ -1,1 +1,1 @@
-"""The bench daemon: owns the instruments, queues and runs experiments, tells others what happens."""
+"""The bench daemon: holds the instruments, queues and runs experiments, and answers requests about them."""

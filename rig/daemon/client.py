@@ -1,32 +1,53 @@
-"""Talking to a daemon over its socket: one JSON object a line, a question and its answer. Import-light.
+"""Talk to a daemon: JSON over HTTP on its Unix socket, the interface of docs/bench_api.md. Import-light.
 
-An answer has "ok"; where it is false, "faults" holds a line each and "status" the HTTP status that says the same.
+Where the socket is, so that `stop` finds it without reading a configuration:
+
+$PELTIER_SOCKET                       if set: this one and no other
+$XDG_RUNTIME_DIR/peltier/NAME.sock    a user's own daemon
+/run/peltier/NAME.sock                the systemd unit's (RuntimeDirectory=peltier)
+/tmp/peltier-UID/NAME.sock            if there is neither
 """
 
 from __future__ import annotations
 
 import json
+import os
 import socket
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from rig.core.faults import Faults
+from rig.core.file_writing import write_text
 from rig.core.posix_only import has_unix_sockets
-from rig.daemon.places import sockets_there
+
+if TYPE_CHECKING:
+    import argparse
 
 CALIBRATION = "calibration"  # a kind of job
-CROWDED_S = 5.0  # for a place in a line that moves within milliseconds
-ANSWER_S = 15.0  # an instrument that does not answer is tried for some seconds before `stop` says so
+CROWDED_S = 5.0  # for a place in the listener's queue, which moves within milliseconds
+ANSWER_S = 15.0  # `stop` retries an instrument that does not answer for some seconds
+FAILED = 400  # HTTP: this status and those above are refusals
+NONE_RUNS = "no daemon runs here (`peltier serve CONFIG` starts one)"
+SYSTEM = Path("/run/peltier")
 
 
 class NoDaemon(Exception):
-    """Nobody listens there."""
+    """No daemon answers there."""
+
+
+class Refusal(Faults):
+    """A request that the daemon refuses: an HTTP status, and a line for each fault."""
+
+    def __init__(self, status: int, lines: list[str]) -> None:
+        self.status = status
+        super().__init__(lines)
 
 
 class Client:
-    """A connection to one daemon; `path` is its socket. Raises NoDaemon where none listens."""
+    """A connection to one daemon; `path` is its socket. Raises NoDaemon if none listens there."""
 
     def __init__(self, path: Path, timeout_s: float = ANSWER_S) -> None:
         self.path = path
@@ -37,52 +58,76 @@ class Client:
         except OSError as error:
             self._socket.close()
             raise NoDaemon(f"no daemon listens at {path} ({error.strerror or error})") from None
-        self._lines = self._socket.makefile("rb")
+        self._file = self._socket.makefile("rb")
 
-    def ask(self, do: str, **more: Any) -> dict[str, Any]:
-        """Send a question, return its answer. Raises NoDaemon where the connection breaks or nothing comes."""
-        self._send({"do": do, **more})
-        return self._next()
+    def ask(self, method: str, path: str, /, **body: Any) -> Any:
+        """Return the answer to a request. Raises Refusal, and NoDaemon if the connection breaks or nothing comes."""
+        self._send(method, path, body)
+        status, length = self._head()
+        try:
+            content = self._file.read(length)
+            answer = json.loads(content)
+        except (OSError, ValueError):
+            raise NoDaemon(f"the daemon at {self.path} has ended") from None
+        if status >= FAILED:
+            raise Refusal(status, answer.get("faults") or ["the daemon refused without a reason"])
+        return answer
 
     def events(self, timeout_s: float | None = None) -> Iterator[dict[str, Any]]:
-        """What happens from now on, {"event": name, "data": {...}} each, until the daemon ends (NoDaemon)."""
+        """Yield {"event": name, "data": {...}} from now on, the state first. Raises NoDaemon when the daemon ends."""
         self._socket.settimeout(timeout_s)
-        self._send({"do": "subscribe"})
+        self._send("GET", "/api/events", {})
+        self._head()
+        name = ""
         while True:
-            yield self._next()
+            word, _, text = self._line().partition(": ")
+            if word == "event":
+                name = text
+            elif word == "data":
+                yield {"event": name, "data": json.loads(text)}
 
     def close(self) -> None:
-        """Let go of the connection."""
-        self._lines.close()
+        """Close the connection."""
+        self._file.close()
         self._socket.close()
 
-    def _send(self, question: dict[str, Any]) -> None:
+    def _send(self, method: str, path: str, body: dict[str, Any]) -> None:
+        content = json.dumps(body).encode() if body else b""
+        head = f"{method} {path} HTTP/1.1\r\nHost: peltier\r\nContent-Length: {len(content)}\r\n\r\n"
         try:
-            self._socket.sendall(json.dumps(question).encode() + b"\n")
+            self._socket.sendall(head.encode() + content)
         except OSError as error:
             raise NoDaemon(f"the daemon at {self.path} has gone ({error})") from None
 
-    def _next(self) -> dict[str, Any]:
+    def _head(self) -> tuple[int, int]:
+        """Return status and length of an answer."""
         try:
-            line = self._lines.readline()
+            status, length = int(self._line().split()[1]), 0
+            while line := self._line():
+                name, _, value = line.partition(":")
+                length = int(value) if name.lower() == "content-length" else length
+        except (ValueError, IndexError):
+            raise NoDaemon(f"the process at {self.path} is no daemon of this version") from None
+        return status, length
+
+    def _line(self) -> str:
+        try:
+            line = self._file.readline()
         except OSError as error:
             raise NoDaemon(f"the daemon at {self.path} does not answer ({error})") from None
         if not line.endswith(b"\n"):
             raise NoDaemon(f"the daemon at {self.path} has ended")
-        answer: dict[str, Any] = json.loads(line)
-        return answer
+        return line.decode().rstrip("\r\n")
 
     def __enter__(self) -> Client:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
 def _connect(end: socket.socket, path: Path, until_s: float) -> None:
-    """Again and again where too many ask at this moment: a Unix socket says so at once. Raises OSError."""
+    """Connect, again and again while the listener's queue is full. Raises OSError."""
     while True:
         try:
             end.connect(str(path))
@@ -94,13 +139,112 @@ def _connect(end: socket.socket, path: Path, until_s: float) -> None:
 
 
 def daemons(timeout_s: float = ANSWER_S) -> list[Client]:
-    """A connection to every daemon that listens."""
+    """Return a connection to every daemon that listens."""
     found: list[Client] = []
-    if not has_unix_sockets():
-        return found
-    for path in sockets_there():
+    for path in sockets() if has_unix_sockets() else []:
         try:
             found.append(Client(path, timeout_s))
         except NoDaemon:
             continue
     return found
+
+
+def daemons_called(name: str | None) -> list[Client]:
+    """Return the daemon of a name, or every one. Raises NoDaemon if there is none."""
+    found = daemons()
+    if name is not None:
+        for client in found:
+            if client.path.stem != name:
+                client.close()
+        found = [client for client in found if client.path.stem == name]
+    if not found:
+        raise NoDaemon(NONE_RUNS if name is None else f"no daemon called {name!r} runs here")
+    return found
+
+
+def one_daemon(name: str | None) -> Client:
+    """Return the daemon of a name, or the only one. Raises NoDaemon, and Faults if there are several."""
+    found = daemons_called(name)
+    if len(found) > 1:
+        for client in found:
+            client.close()
+        raise Faults([f"--bench: missing; expected one of {', '.join(client.path.stem for client in found)}"])
+    return found[0]
+
+
+def _folders() -> list[Path]:
+    own = os.environ.get("XDG_RUNTIME_DIR")
+    fallback = Path(os.environ.get("TMPDIR", "/tmp")) / f"peltier-{_user()}"
+    return ([Path(own) / "peltier"] if own else []) + [SYSTEM, fallback]
+
+
+def _user() -> int:
+    return os.getuid() if hasattr(os, "getuid") else 0
+
+
+def socket_to_bind(name: str) -> Path:
+    """Return the socket of a daemon that starts now; make its folder, closed to other users.
+
+    Raises PermissionError if the folder belongs to another user.
+    """
+    given = os.environ.get("PELTIER_SOCKET")
+    if given:
+        return Path(given)
+    runtime = os.environ.get("RUNTIME_DIRECTORY")  # systemd's
+    folder = Path(runtime.split(":")[0]) if runtime else next(f for f in _folders() if f != SYSTEM)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if hasattr(os, "getuid") and folder.stat().st_uid != os.getuid():
+        raise PermissionError(f"{folder} belongs to another user; set PELTIER_SOCKET or XDG_RUNTIME_DIR")
+    return folder / f"{name}.sock"
+
+
+def socket_of(name: str) -> Path:
+    """Return the socket at which the daemon of a name listens, or would."""
+    given = os.environ.get("PELTIER_SOCKET")
+    if given:
+        return Path(given)
+    return next((path for path in sockets() if path.stem == name), _folders()[0] / f"{name}.sock")
+
+
+def sockets() -> list[Path]:
+    """Return the sockets of daemons, the user's own first."""
+    given = os.environ.get("PELTIER_SOCKET")
+    if given:
+        return [Path(given)]
+    found = []
+    for folder in _folders():
+        try:
+            found += sorted(p for p in folder.glob("*.sock") if p.stat().st_uid in (_user(), 0) or folder == SYSTEM)
+        except OSError:  # not there, or not readable for this user
+            continue
+    return found
+
+
+# -- common to the verbs that talk to a daemon -----------------------------------------------------------------------
+
+
+def bench_argument(parser: argparse.ArgumentParser) -> None:
+    """Add --bench NAME, for a computer with several daemons."""
+    parser.add_argument("--bench", metavar="NAME", help="the daemon (serve.name), if several run")
+
+
+def json_argument(parser: argparse.ArgumentParser) -> None:
+    """Add --json FILE."""
+    parser.add_argument("--json", metavar="FILE", help="write the answer as JSON; - is stdout")
+
+
+def write_json(target: str | None, value: Any) -> None:
+    """Write the answer to the target of --json; a file whole or not at all. Raises OSError, which names the file."""
+    if target is None:
+        return
+    text = json.dumps(value, indent=2) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    else:
+        write_text(Path(target), text)
+
+
+def text_stream(target: str | None) -> Any:
+    """Return the stream for people: stderr if stdout belongs to --json."""
+    return sys.stderr if target == "-" else sys.stdout

@@ -1,4 +1,4 @@
-"""A job: an experiment that somebody asked for, and what became of it; the queue of those that wait."""
+"""A job, an experiment that was submitted, and the queue of jobs."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 from rig.config.configuration import ConfigurationFile
 from rig.core.outcome import Outcome
 
-KEPT = 200  # ended jobs that are told of
-FOLLOWED = 8  # of them with all that they said and gave, which is much
+KEPT = 200  # ended jobs in the list
+FOLLOWED = 8  # of them with all messages and results, which are large
 MOST_QUEUED = 100
 WAITING, RUNNING = "queued", "running"
 
@@ -26,7 +26,7 @@ class JobStopped(Outcome):
 
 @dataclass
 class Job:
-    """One experiment. Times are Unix seconds."""
+    """One experiment. Times are Unix seconds; report: its address on the page."""
 
     id: str
     name: str
@@ -39,30 +39,21 @@ class Job:
     ended_s: float | None = None
     reason: str | None = None
     folder: Path | None = None
-    report: str | None = None  # where the page has it
+    report: str | None = None
     exit_status: int | None = None
     result: dict[str, Any] | None = None
-    said: list[str] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
 
     def table(self) -> dict[str, Any]:
-        """As others see it. No disk is asked: the loop's thread tells this, too."""
-        return {
-            "id": self.id,
-            "name": self.name,
-            "kind": self.kind,
-            "state": self.state,
-            "queued_s": self.queued_s,
-            "started_s": self.started_s,
-            "ended_s": self.ended_s,
-            "reason": self.reason,
-            "folder": str(self.folder) if self.folder is not None else None,
-            "report": self.report,
-            "exit_status": self.exit_status,
-        }
+        """Return the job as JSON. Reads no disk: the loop's thread calls it, too."""
+        names = ("id", "name", "kind", "state", "queued_s", "started_s", "ended_s", "reason")
+        folder = str(self.folder) if self.folder is not None else None
+        table = {name: getattr(self, name) for name in names}
+        return {**table, "folder": folder, "report": self.report, "exit_status": self.exit_status}
 
 
 def report_of(number: str, folder: str | None) -> str | None:
-    """Where the page has the report of a job's folder; None where there is none yet."""
+    """Return the page's address of the report in a job's folder; None if there is none yet."""
     try:
         there = folder is not None and (Path(folder) / "report.html").is_file()
     except OSError:  # a folder that does not answer
@@ -71,11 +62,11 @@ def report_of(number: str, folder: str | None) -> str | None:
 
 
 def new_id() -> str:
-    """A name for a job that is in no other's way."""
+    """Return a new job's id."""
     return secrets.token_hex(4)
 
 
-class Queue:
+class JobQueue:
     """Jobs that wait, the one that runs, and the last that ended; safe for any thread."""
 
     def __init__(self) -> None:
@@ -90,7 +81,7 @@ class Queue:
         return len(self._waiting)
 
     def add(self, job: Job) -> bool:
-        """Put a job at the end; False where too many wait."""
+        """Append a job; False if too many wait."""
         with self._lock:
             if len(self._waiting) >= MOST_QUEUED:
                 return False
@@ -99,12 +90,12 @@ class Queue:
             return True
 
     def remember(self, ended: list[dict[str, Any]]) -> None:
-        """Jobs of before, the oldest first."""
+        """Add jobs that ended before this start, the oldest first."""
         with self._lock:
             self._ended = [*ended, *self._ended][-KEPT:]
 
     def next(self) -> Job | None:
-        """The job that is to begin now, taken out of the queue; None where none waits, or one runs."""
+        """Take the job that is to begin now; None if none waits, or one runs."""
         with self._lock:
             if self.running is not None or not self._waiting:
                 return None
@@ -112,7 +103,7 @@ class Queue:
             return self.running
 
     def remove(self, number: str) -> Job | None:
-        """A waiting job, taken out."""
+        """Take a waiting job out; None if it does not wait."""
         with self._lock:
             for k, job in enumerate(self._waiting):
                 if job.id == number:
@@ -120,17 +111,17 @@ class Queue:
         return None
 
     def take_waiting(self) -> list[Job]:
-        """All that wait, taken out, the oldest first."""
+        """Take all waiting jobs out, the oldest first."""
         with self._lock:
             waited, self._waiting = self._waiting, []
             return waited
 
     def find(self, number: str) -> Job | None:
-        """A job that waits, runs, or was among the last that ended."""
+        """Return a job that waits, runs, or was among the last that ended."""
         return self._known.get(number)
 
     def keep(self, job: Job) -> None:
-        """A job that has ended."""
+        """Keep a job that has ended."""
         with self._lock:
             if self.running is job:
                 self.running = None
@@ -140,7 +131,7 @@ class Queue:
                 self._known.pop(self._followed.pop(0), None)
 
     def reported(self, number: str, report: str) -> dict[str, Any] | None:
-        """An ended job whose report was written since, as it is now; None where that is known, or there is none."""
+        """Note that an ended job has a report by now, and return it; None if that is known, or there is no such job."""
         with self._lock:
             for k, table in enumerate(self._ended):
                 if table["id"] == number and not table.get("report"):
@@ -149,12 +140,12 @@ class Queue:
         return None
 
     def tables(self) -> list[dict[str, Any]]:
-        """All of them, the newest first: those that wait, the one that runs, those that ended."""
+        """Return all jobs, the newest first: those that wait, the one that runs, those that ended."""
         with self._lock:
             running = [self.running] if self.running is not None else []
             return [job.table() for job in [*self._waiting[::-1], *running]] + self._ended[::-1]
 
     def last_ended(self) -> dict[str, Any] | None:
-        """The job that ended last; None where none has."""
+        """Return the job that ended last; None if none has."""
         with self._lock:
             return self._ended[-1] if self._ended else None

@@ -1,10 +1,11 @@
-"""One job on the bench, in the worker's thread: what `peltier run` does, watched."""
+"""One job on the bench, in the worker's thread: `peltier run` or `calibrate` on ports that are open, observed."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,29 +16,29 @@ from rig.core.errors import RigError
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, OfOutput, Stopped, Tripped, Unsuitable
 from rig.daemon.client import CALIBRATION
-from rig.daemon.configured_paths import model_of
-from rig.daemon.desk import Desk
-from rig.daemon.experiment import Watcher, calibrate_watched, run_watched
-from rig.daemon.gate import Pass, StoppableClock
-from rig.daemon.job import Job, JobStopped, report_of
-from rig.daemon.row import row_of
+from rig.daemon.command_queue import CommandQueue, history_row
+from rig.daemon.configurations import model_of
+from rig.daemon.job import RUNNING, Job, JobStopped, report_of
+from rig.daemon.output_lock import JobPass, StoppableClock
 from rig.experiment.calibration import Calibration
-from rig.experiment.expected import Phases, still_to_come
+from rig.experiment.expected import Phases, expected_calibration, expected_run, still_to_come
+from rig.experiment.session import Session, calibrate, run_on
 from rig.experiment.summaries import calibration_summary, summary
-from rig.records.run_folder import part_of
-from rig.safety.after_off import NO_VOICE, AfterOff
+from rig.experiment.wanted import wanted
+from rig.records.run_folder import RunFolder, part_of, prepared_folder
+from rig.report.run import write_live_report, write_missing_reports
+from rig.safety.after_off import UNTRUSTED_THERMOMETER, OffCheck
 from rig.safety.bench_watch import BenchWatch
+from rig.safety.signals import SignalStop
 
 CONDITION = "condition"  # the phase of a run that drives the film to its hot end
-LOOK_S = 30.0  # that the temperature is looked at after a job
+LOOK_S = 30.0  # for which the temperature is compared after a job
 
 
 @dataclass(frozen=True)
 class _End:
-    """How a job ended: its state, why, its exit status; trip: the cause of a trip, None where it is none.
-
-    trip_text: what the trip says, where that is more than the job's reason.
-    """
+    """End of a job: its state, reason and exit status; trip: the cause of a trip, None if it is none; trip_text: its
+    text, if that says more than the reason."""
 
     state: str
     reason: str | None
@@ -47,7 +48,7 @@ class _End:
 
 
 def _end_by(error: BaseException) -> _End:
-    """How a job ends that something ended."""
+    """Return the end of a job by an exception."""
     if isinstance(error, JobStopped):
         return _End("stopped", str(error), error.exit_status)
     if isinstance(error, Stopped):
@@ -62,47 +63,72 @@ def _end_by(error: BaseException) -> _End:
         return _End("failed", "; ".join(error.lines), 2)
     if isinstance(error, RigError):
         return _End("failed", str(error), 1, type(error).__name__.lower(), f"the run lost an instrument: {error}")
-    beside = [note for note in getattr(error, "__notes__", []) if not isinstance(note, OfOutput)]  # told elsewhere
-    return _End("failed", "; ".join([f"{type(error).__name__}: {error}", *beside]), 1, "program_fault")
+    notes = [note for note in getattr(error, "__notes__", []) if not isinstance(note, OfOutput)]  # reported elsewhere
+    return _End("failed", "; ".join([f"{type(error).__name__}: {error}", *notes]), 1, "program_fault")
 
 
 def _is_folder(path: Path) -> bool:
-    """Whether it is there; a disk that fails keeps no job from ending."""
+    """Return True for a folder; a disk that fails keeps no job from ending."""
     try:
         return path.is_dir()
     except OSError:
         return False
 
 
-class JobRun(Watcher):
+class ObservedFolder(RunFolder):
+    """A run folder that reports a run's begin, phases and end to its job."""
+
+    def __init__(
+        self, job: JobRun, path: Path, start: dict[str, Any], configuration_text: str, columns: list[str]
+    ) -> None:
+        super().__init__(path, start, configuration_text, columns)
+        self._job = job
+        try:
+            job.began()
+        except BaseException:  # a job that was ended without its thread
+            self.abandon()
+            raise
+
+    def event(self, time_s: float, kind: str, text: str, **more: Any) -> None:
+        super().event(time_s, kind, text, **more)
+        if kind == "phase":
+            self._job.phase(text, float(more.get("duration_s", 0.0)))
+
+    def stop(self, reason: str, **more: Any) -> None:
+        self._job.ended(more.get("output_off_confirmed"), more.get("ticks", {}))
+        super().stop(reason, **more)
+
+
+class JobRun:
     """A job, the bench it runs on, and the lock that keeps the idle loop off it meanwhile."""
 
-    def __init__(self, desk: Desk, bench: Bench, job: Job, idling: threading.RLock) -> None:
-        self._desk, self._job, self._idling = desk, job, idling
+    def __init__(self, commands: CommandQueue, bench: Bench, job: Job, idle_lock: threading.RLock) -> None:
+        self._commands, self._job, self._idle_lock = commands, job, idle_lock
         self._raw = bench
-        self._pass = by = Pass(desk.gate)
+        lock = commands.output_lock
+        self._pass = by = JobPass(lock)
         self._lock, self._over = threading.Lock(), False
-        clock = StoppableClock(bench.clock, desk.gate, by, not bench.virtual)
+        clock = StoppableClock(bench.clock, lock, by, not bench.virtual)
         self._clock = clock
         self._bench = replace(
             bench,
             clock=clock,
-            controller=desk.gate.controller_for_jobs(bench.controller, by),
-            meter=desk.gate.meter_for_jobs(bench.meter, by) if bench.meter is not None else None,
-            guard=desk.gate.guard_for_jobs(bench.guard, by),
+            controller=lock.controller_for_job(bench.controller, by),
+            meter=lock.meter_for_job(bench.meter, by) if bench.meter is not None else None,
+            guard=lock.guard_for_job(bench.guard, by),
             watched_after=True,
         )
         self._conditioning = False
         self._coming: Phases = []
-        self._last: tuple[BenchWatch, float] | None = None  # of the last tick: what watches, and the current
+        self._last: tuple[BenchWatch, float] | None = None  # of the last tick: its watch, and the current
 
     def work(self) -> None:
-        """The job from its beginning to its end, whatever that is."""
-        desk, job = self._desk, self._job
-        job.state, job.started_s, job.folder = "running", desk.label_s(), part_of(job.out)
-        desk.job_began_s, desk.coming_s = desk.clock.now_s(), 0.0
-        desk.job_changed(job)
-        desk.model = model_of(job.file) or desk.model
+        """Do the job from its begin to its end, whatever that is."""
+        commands, job = self._commands, self._job
+        job.state, job.started_s, job.folder = RUNNING, commands.label_s(), part_of(job.out)
+        commands.job_began_s, commands.coming_s = commands.clock.now_s(), 0.0
+        commands.job_changed(job)
+        commands.model = model_of(job.file) or commands.model
         try:
             self._do()
         except BaseException as error:
@@ -111,80 +137,83 @@ class JobRun(Watcher):
             self._conclude(_End("done", None, 0))
 
     def abandon(self, why: BaseException, off_confirmed: bool) -> None:
-        """End the job without its thread, which does not end: what that one still does is nobody's any more."""
-        desk = self._desk
+        """End the job without its thread, which does not end: whatever that one does later has no effect."""
         with self._lock:  # a thread that begins its loop has done so before, or finds its pass void
             self._pass.off_confirmed, self._pass.void = off_confirmed, why
-            if desk.in_loop:
-                desk.in_loop, desk.phase = False, None
-                desk.output_now("off", off_confirmed)
+            self._leave_loop(off_confirmed)
         self._conclude(_end_by(why))
 
-    def _do(self) -> None:
-        """The job's work; its calibration's model is the bench's from then on."""
-        if lines := strangers(self._job.file, self._raw.identities):  # the bench may have come back as another one
-            raise Faults(lines)
-        self._configure(self._job.file.content)
-        calibration = self._done()
-        if calibration is not None and self._pass.void is None:
-            self._desk.model = calibration.model_path
+    def _leave_loop(self, off_confirmed: bool) -> None:
+        commands = self._commands
+        if commands.in_loop:
+            commands.in_loop, commands.phase = False, None
+            commands.output_now("off", off_confirmed)
 
-    def _done(self) -> Calibration | None:
-        """The job's work to its end: its calibration, where it made one."""
-        job = self._job
+    def _do(self) -> None:
+        """Do the job's work; the model of its calibration is the bench's from then on."""
+        job, file = self._job, self._job.file
+        if lines := strangers(file, self._raw.identities):  # the bench may have come back as another one
+            raise Faults(lines)
+        self._configure(file.content)
+        make = partial(ObservedFolder, self)
+        session = Session(self._bench, file, SignalStop(), self._say, None, self.tick, make, write_live_report)
+        calibration: Calibration | None
         if job.kind == CALIBRATION:
-            calibration = calibrate_watched(self._bench, job.file, job.out, self._say, self)
+            self.expect(expected_calibration(file.content))
+            with prepared_folder(job.out):
+                calibration = calibrate(session, job.out)
             job.folder, job.result = calibration.model_path.parent, calibration_summary(calibration)
-            return calibration
-        result = run_watched(self._bench, job.file, job.out, self._say, self)
-        job.folder, job.result = result.folder, summary(result)
-        return result.calibration
+        else:
+            target, model = wanted(file, self._say)
+            self.expect(expected_run(file.content, target, model))
+            with prepared_folder(job.out):
+                result = run_on(session, job.out, target, model)
+            job.folder, job.result, calibration = result.folder, summary(result), result.calibration
+        if calibration is not None and self._pass.void is None:
+            self._commands.model = calibration.model_path
 
     def _conclude(self, end: _End) -> None:
-        """The trip, if it was one, before anybody is told how the job ended: it is on disk first. A job ends once."""
+        """End the job, once: its trip, if it is one, is on disk before anybody hears of the end."""
         with self._lock:
             if self._over:
                 return
             self._over = True
-        desk, job = self._desk, self._job
+        commands, job = self._commands, self._job
         if end.trip == "not_confirmed_off":
-            desk.output_now("off", confirmed=False)
-        if desk.in_loop:  # its end could not be written down; but the output is off, or that would have been told
-            desk.in_loop, desk.phase = False, None
-            desk.output_now("off", end.exit_status != NotConfirmedOff.exit_status)
-        desk.ticks.latest_s = max(desk.ticks.latest_s, self._clock.latest_s)
+            commands.output_now("off", confirmed=False)
+        # still in its loop: the end could not be written down; but the output is off, or the error would say so
+        self._leave_loop(end.exit_status != NotConfirmedOff.exit_status)
+        commands.ticks.latest_s = max(commands.ticks.latest_s, self._clock.latest_s)
         if end.trip is not None:
-            desk.trip(end.trip, end.trip_text or end.reason or end.trip)
-            if end.trip in NO_VOICE:
-                desk.after_off = None
-        told_first = end.exit_status == NotConfirmedOff.exit_status  # nobody waits for a report with the heater on
-        if end.exit_status != 0 and not told_first:
-            self._report()
+            commands.trip(end.trip, end.trip_text or end.reason or end.trip)
+            if end.trip in UNTRUSTED_THERMOMETER:
+                commands.off_check = None
+        not_off = end.exit_status == NotConfirmedOff.exit_status  # then nobody waits for a report
+        if end.exit_status != 0 and not not_off:
+            self._write_reports()
         job.state, job.reason, job.exit_status = end.state, end.reason, end.exit_status
-        job.ended_s = desk.label_s()
+        job.ended_s = commands.label_s()
         if end.state != "done":
             job.folder = part_of(job.out) if _is_folder(part_of(job.out)) else None
         job.report = report_of(job.id, str(job.folder) if job.folder is not None else None)
-        desk.queue.keep(job)
-        desk.job_changed(job)
-        desk.wake.set()
-        if told_first:
-            self._report()
-            desk.look_for_report(job.table())
+        commands.queue.keep(job)
+        commands.job_changed(job)
+        commands.wake.set()
+        if not_off:
+            self._write_reports()
+            commands.look_for_report(job.table())
         self._bench.guard.records("")
 
-    def _report(self) -> None:
-        """The reports of what was recorded until it ended early."""
+    def _write_reports(self) -> None:
+        """Write the reports of a job that ended early."""
         part = part_of(self._job.out)
         if self._pass.void is None and _is_folder(part):
-            from rig.report.run import write_missing_reports
-
             write_missing_reports(part)
 
     def _configure(self, content: Any) -> None:
-        """The job's limits and integration time; the output stays off."""
-        dead_man_s = content.bench.controller.dead_man_s  # no longer than the bench's: see rig.daemon.admission
-        with self._idling:
+        """Set the job's limits and integration time; the output stays off."""
+        dead_man_s = content.bench.controller.dead_man_s  # at most the bench's: see rig.daemon.configurations
+        with self._idle_lock:
             self._bench.controller.configure(content.limits.current_A, content.limits.temperature_degC, dead_man_s)
             table = content.bench.meter
             if self._bench.meter is not None and table is not None:
@@ -193,66 +222,64 @@ class JobRun(Watcher):
     def _say(self, text: str) -> None:
         if self._pass.void is not None:
             return
-        self._job.said.append(text)
-        self._desk.announcer.tell("say", {"id": self._job.id, "text": text})
+        self._job.messages.append(text)
+        self._commands.announcer.announce("say", {"id": self._job.id, "text": text})
 
-    # -- told by the run -----------------------------------------------------------------------------------------
+    # -- reports of the run --------------------------------------------------------------------------------------
 
     def began(self) -> None:
-        """The idle loop lets go of the bench."""
-        with self._idling, self._lock:
+        """A loop has the bench from now on; the idle loop releases it."""
+        with self._idle_lock, self._lock:
             self._pass.check_void()
-            self._desk.in_loop = True
-            self._desk.output_now("on")
-        self._desk.changed()
+            self._commands.in_loop = True
+            self._commands.output_now("on")
+        self._commands.changed()
 
     def expect(self, phases: Phases) -> None:
-        """The phases to come."""
+        """Set the phases to come, each with its seconds."""
         self._pass.check_void()
         self._coming = phases
-        self._desk.coming_s = sum(seconds for _, seconds in phases)
+        self._commands.coming_s = sum(seconds for _, seconds in phases)
 
     def phase(self, name: str, duration_s: float) -> None:
-        """A phase begins. With the first that follows `condition`, which may come in parts, the film's memory is known:
+        """A phase begins. With the first one after `condition`, which may come in parts, the film's memory is known:
         the conditioning has ended, at its hot end."""
-        desk = self._desk
-        if self._conditioning and name != CONDITION and desk.memory_since_s is None:
-            desk.memory_since_s = desk.label_s()
+        commands = self._commands
+        if self._conditioning and name != CONDITION and commands.memory_since_s is None:
+            commands.memory_since_s = commands.label_s()
         self._conditioning = name == CONDITION
         self.expect(still_to_come(self._coming, name))
-        desk.phase = (name, desk.clock.now_s(), duration_s)
-        desk.changed()
+        commands.phase = (name, commands.clock.now_s(), duration_s)
+        commands.changed()
 
     def tick(self, tick: Tick) -> None:
-        """To the history, with the time of day in place of the run's."""
+        """A control cycle was completed: into the history, with the time of day in place of the run's."""
         self._pass.check_void()
-        desk, decision = self._desk, tick.decision
+        commands, decision = self._commands, tick.decision
         self._last = (tick.watch, tick.current_A)
         current_A = 0.0 if decision.done else tick.current_A
-        desk.ticks.latest_s = max(desk.ticks.latest_s, self._clock.latest_s)
-        desk.row(
+        commands.ticks.latest_s = max(commands.ticks.latest_s, self._clock.latest_s)
+        columns = ("setpoint_degC", "reference_degC", "target_ohm", "predicted_ohm")
+        commands.row(
             {
-                **row_of(desk.label_s(), tick.temperature, tick.resistance, current_A, tick.test_current_A),
-                "setpoint_degC": decision.setpoint_degC,
-                "reference_degC": decision.reference_degC,
-                "target_ohm": decision.target_ohm,
-                "predicted_ohm": decision.predicted_ohm,
+                **history_row(commands.label_s(), tick.temperature, tick.resistance, current_A, tick.test_current_A),
+                **{name: getattr(decision, name) for name in columns},
                 "phase": tick.phase,
                 "job": self._job.id,
             }
         )
 
     def ended(self, confirmed: bool | None, ticks: Mapping[str, Any]) -> None:
-        """The bench belongs to the idle loop again."""
-        desk = self._desk
+        """The loop is over and the output was commanded off; ticks: how punctual it was."""
+        commands = self._commands
         if self._pass.void is not None:
             return
-        desk.output_now("off", bool(confirmed))
+        commands.output_now("off", bool(confirmed))
         if confirmed and self._last is not None:
             watch, current_A = self._last
-            courses = watch.after_off(current_A, LOOK_S)
-            desk.after_off = AfterOff(courses, self._bench.clock.now_s()) if courses is not None else None
-        desk.ticks.missed += int(ticks.get("missed", 0))
-        desk.ticks.unwatched_s = max(desk.ticks.unwatched_s, float(ticks.get("unwatched_s", 0.0)))
-        desk.in_loop, desk.phase = False, None
-        desk.changed()
+            curves = watch.after_off(current_A, LOOK_S)
+            commands.off_check = OffCheck(curves, self._bench.clock.now_s()) if curves is not None else None
+        commands.ticks.missed += int(ticks.get("missed", 0))
+        commands.ticks.unwatched_s = max(commands.ticks.unwatched_s, float(ticks.get("unwatched_s", 0.0)))
+        commands.in_loop, commands.phase = False, None
+        commands.changed()

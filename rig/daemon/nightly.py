@@ -1,8 +1,7 @@
-"""`peltier trend` over the bench's runs each night, in a process of lowest priority, never while a run is on.
+"""`peltier trend` over the bench's runs each night, in a process of lowest priority, never during a run.
 
-What it finds stays in the bench's folder, trend/: its page is trend/report.html. A change that was not told before
-becomes a line among the bench's warnings. A run that begins ends the process; what is diagnosed by then is kept, and
-the rest is done when the bench is idle again.
+Its results are in the bench's folder, trend/, with trend/report.html. A new change becomes one of the bench's warnings.
+A run that begins ends the process; finished diagnoses are kept, and the others are done when the bench is idle again.
 """
 
 from __future__ import annotations
@@ -17,18 +16,18 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-NIGHT_H = 6  # hours after the hour that was asked for, in which it may begin: then people come to work
+NIGHT_H = 6  # hours after serve.diagnose_hour in which it may begin: then people come to work
 LOOK_EVERY_S = 10.0
-SEE_EVERY_S = 0.2  # whether a run has begun
+CHECK_EVERY_S = 0.2  # for a run that begins
 ENDS_S = 5.0
 OUT = "trend"
-TOLD = "told.json"
+REPORTED = "told.json"  # changes that are warnings already
 
 
 class Nightly:
-    """folder: with the run folders; hour: of the local day; may: whether the bench is idle; note: tells people.
+    """Diagnoses the runs in a folder, from an hour of the local day on.
 
-    local_time: of now; command: what is begun, the present Python's `peltier trend` by default.
+    may: returns True while the bench is idle; note: adds a warning; command: by default this Python's `peltier trend`.
     """
 
     def __init__(
@@ -49,19 +48,19 @@ class Nightly:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Look now and then whether it is time, in a thread."""
+        """Start a thread that begins the diagnosis when it is time."""
         self._thread = threading.Thread(target=self._keep, name="nightly", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """End, with the process."""
+        """End the thread and its process."""
         self._ending.set()
         if self._thread is not None:
             self._thread.join(ENDS_S)
 
     @property
     def due(self) -> bool:
-        """Whether it is night, this one is not done, and the bench is idle."""
+        """True if it is night, this night is not done, and the bench is idle."""
         now = self._local_time()
         return 0 <= now.tm_hour - self._hour < NIGHT_H and (now.tm_year, now.tm_yday) != self._done and self._may()
 
@@ -71,27 +70,27 @@ class Nightly:
                 self.once()
 
     def once(self) -> bool:
-        """One process from its beginning to its end; whether it came to that by itself."""
+        """Run one process; True if it ended by itself."""
         now = self._local_time()
         quiet = subprocess.DEVNULL
         try:
             process = subprocess.Popen(self._command, stdin=quiet, stdout=quiet, stderr=subprocess.PIPE)
         except OSError as error:
-            self._note(f"the nightly diagnosis cannot be begun: {error}")
+            self._note(f"the nightly diagnosis cannot be started: {error}")
             self._done = (now.tm_year, now.tm_yday)
             return False
-        said: list[bytes] = []
+        lines: list[bytes] = []
         with process:
-            reader = threading.Thread(target=lambda: said.extend(process.stderr or []), daemon=True)
+            reader = threading.Thread(target=lambda: lines.extend(process.stderr or []), daemon=True)
             reader.start()
             while process.poll() is None:
-                if self._ending.wait(SEE_EVERY_S) or not self._may():
+                if self._ending.wait(CHECK_EVERY_S) or not self._may():
                     _end(process)
                     return False
             reader.join(ENDS_S)
         self._done = (now.tm_year, now.tm_yday)
         if process.returncode != 0:
-            last = said[-1].decode("utf-8", "replace").strip() if said else "it said nothing"
+            last = lines[-1].decode("utf-8", "replace").strip() if lines else "without a message"
             self._note(f"the nightly diagnosis ended with status {process.returncode}: {last}")
             return True
         for line in self._news():
@@ -99,14 +98,14 @@ class Nightly:
         return True
 
     def _news(self) -> list[str]:
-        """A line for each change that was not told before."""
+        """Return a line for each change that is not a warning yet."""
         out = self._folder / OUT
         try:
             with (out / "effects.csv").open(encoding="utf-8", newline="") as file:
                 rows = [row for row in csv.DictReader(file) if row.get("since")]
         except OSError as error:
             return [f"the nightly diagnosis left no table: {error}"]
-        known = _told(out / TOLD)
+        known = _reported(out / REPORTED)
         lines = []
         for row in rows:
             key = " ".join(row.get(name) or "" for name in ("rig", "effect", "parameter", "since", "change"))
@@ -114,13 +113,13 @@ class Nightly:
                 known.append(key)
                 lines.append(_in_words(row))
         try:
-            (out / TOLD).write_text(json.dumps(known) + "\n", encoding="utf-8")
-        except OSError as error:  # such as a full disk; what was found is told all the same
-            lines.append(f"trend: what was told is not kept, so that it is told again: {error}")
+            (out / REPORTED).write_text(json.dumps(known) + "\n", encoding="utf-8")
+        except OSError as error:  # such as a full disk; the changes are reported all the same
+            lines.append(f"trend: the list of reported changes cannot be written, they will be reported again: {error}")
         return lines
 
 
-def _told(path: Path) -> list[str]:
+def _reported(path: Path) -> list[str]:
     try:
         known = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,9 +1,9 @@
-"""Telling systemd: READY=1 once, WATCHDOG=1 after completed control cycles, STATUS for `systemctl status`.
+"""Messages to systemd: READY=1 once, WATCHDOG=1 after completed control cycles, STATUS for `systemctl status`.
 
-And when it ends, how long that may take. A daemon that is silent so that the dead man of a controller which does not
-obey acts, ended in that silence by TimeoutStopSec and begun again, would speak to the controller too early.
+At the end, also how long the end may take. A controller that does not obey is left in silence until its own dead man
+acts; a daemon that TimeoutStopSec ends in that silence would be started again and talk to the controller too early.
 
-The protocol of sd_notify(3): datagrams to the socket that NOTIFY_SOCKET names. Without it nothing is sent.
+The protocol is that of sd_notify(3): datagrams to the socket in NOTIFY_SOCKET. Without it nothing is sent.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from types import FrameType
 from rig.safety.signals import SignalStop
 
 EVERY_S = 1.0  # at most one WATCHDOG=1 in this time
-ENDS_S = 25.0  # all of an end but the dead man's time: the exchange under way, a job's thread, rows, log, page
+ENDS_S = 25.0  # an end without the dead man's time: the exchange under way, a job's thread, rows, log, page
 
 
 def watchdog_s() -> float:
-    """WatchdogSec of the unit that this was started by, infinite where there is none."""
+    """Return WatchdogSec of the unit that started this; infinity if there is none."""
     text = os.environ.get("WATCHDOG_USEC", "")
     return int(text) * 1e-6 if text.isdecimal() and int(text) > 0 else math.inf
 
 
 class Notifier:
-    """Where systemd listens, if it does."""
+    """Sends to systemd, if it listens; never raises, never waits."""
 
     def __init__(self) -> None:
         address = os.environ.get("NOTIFY_SOCKET", "")
@@ -39,39 +39,36 @@ class Notifier:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._socket.setblocking(False)
 
-    def tell(self, text: str) -> None:
-        """Send lines such as "READY=1"; never raises, never waits."""
+    def send(self, text: str) -> None:
+        """Send lines such as "READY=1"."""
         if self._socket is not None:
             with contextlib.suppress(OSError):
                 self._socket.sendto(text.encode(), self._address)
 
     def ready(self, status: str) -> None:
-        """The bench is held and its output is off."""
-        self.tell(f"READY=1\nSTATUS={status}")
+        """Report that the bench is held and its output off."""
+        self.send(f"READY=1\nSTATUS={status}")
 
     def cycle(self) -> None:
-        """A control cycle was completed: the only thing that feeds the watchdog."""
-        if self._socket is None:
-            return
+        """Report a completed control cycle; nothing else feeds the watchdog."""
         now_s = time.monotonic()
-        if now_s - self._fed_s >= EVERY_S:
+        if self._socket is not None and now_s - self._fed_s >= EVERY_S:
             self._fed_s = now_s
-            self.tell("WATCHDOG=1")
+            self.send("WATCHDOG=1")
 
     def ends(self, within_s: float) -> None:
-        """The end has begun: a TimeoutStopSec that is shorter than this is extended, a longer one stays."""
-        self.tell(f"EXTEND_TIMEOUT_USEC={math.ceil(1e6 * within_s)}")
+        """Report that the end has begun: a TimeoutStopSec that is shorter than this is extended."""
+        self.send(f"EXTEND_TIMEOUT_USEC={math.ceil(1e6 * within_s)}")
 
     def close(self) -> None:
-        """Tell nothing more."""
+        """Send nothing more."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
 
-class EndTold(SignalStop):
-    """A `SignalStop` that tells systemd at once how long the end may take: what switches the output off on the way out
-    may wait for the controller's dead man, before the daemon is ready as well as after."""
+class SignalStopWithNotice(SignalStop):
+    """A `SignalStop` that reports to systemd at once how long the end may take, before the daemon is ready as well."""
 
     def __init__(self, notifier: Notifier, dead_man_s: float) -> None:
         super().__init__()

@@ -1,8 +1,8 @@
-"""The web processes as the bench process sees them: begun, begun again when they die, ended last. They hold no port.
+"""The web processes as the bench process sees them: started, restarted when they die, ended last. They hold no port.
 
-Two of them: one serves the page and its interface, the other takes STOP and nothing else, at a TCP port of its own with
-connections of its own, so that whatever is done to the first, STOP still gets through. The second one's listening
-socket is made here, so that its port is known at once and its callers wait, unrefused, while it is begun again.
+There are two: one serves the page and its interface; the other takes STOP and nothing else, at a TCP port of its own
+with connections of its own, so that STOP gets through whatever is done to the first. The second one's listening socket
+is created here: its port is known at once, and its callers wait, without a refusal, while it is restarted.
 """
 
 from __future__ import annotations
@@ -15,30 +15,53 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rig.daemon.listening import listening, why_not
-
-# until it is begun again, doubled each time: one that cannot live must not take the bench's processor
+# before a restart, doubled each time: a process that cannot live must not take the bench's processor
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 30.0
-SAME_SIGNAL_S = 0.2  # a signal to the whole process group reaches it first: nothing that anybody should be told
-LONG_LIFE_S = 60.0  # one that lived longer has not died of its start
-ENDS_S = 2.0  # it has nothing to put away; then it is killed
+SAME_SIGNAL_S = 0.2  # a signal to the whole process group reaches it first; that is not reported
+LONG_LIFE_S = 60.0  # a process that lived longer has not died of its start
+ENDS_S = 2.0  # it has nothing to save; then it is killed
+CALLERS = 128  # that wait to be accepted
+
+
+def listening(address: str, port: int) -> socket.socket:
+    """Return a socket that listens at an address (port 0: any free one). Raises OSError; `why_not` gives the reason."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    return socket.create_server((address, port), family=family, backlog=CALLERS)
+
+
+def why_not(error: OSError) -> str:
+    """Return the reason alone, without the address that Python appends."""
+    return (error.strerror or str(error)).partition(" (while attempting")[0]
+
+
+def stop_listener(address: str, port: int, stop_port: int | None) -> socket.socket:
+    """Return a listening socket for STOP: at the given port (OSError if it is taken), else at the one after the page's,
+    or any free one."""
+    if stop_port is not None:
+        return listening(address, stop_port)
+    try:
+        return listening(address, port + 1 if 0 < port < 65535 else 0)
+    except OSError:
+        return listening(address, 0)
 
 
 class WebProcess:
-    """`python -m rig.web SOCKET`, kept alive from `start` to `stop`; with a listener the one that takes STOP."""
+    """`python -m rig.web SOCKET`, kept alive from `start` to `stop`; with a listener the one that takes STOP.
+
+    page: address and port that it opens if it has no listener. note: takes a line for people.
+    """
 
     def __init__(
-        self, place: Path, note: Callable[[str], None], door: tuple[str, int], listener: socket.socket | None = None
+        self, place: Path, note: Callable[[str], None], page: tuple[str, int], listener: socket.socket | None = None
     ) -> None:
-        """door: address and port that it opens where it is given no listener."""
-        self._place, self._note, self._door, self._listener = place, note, door, listener
+        self._place, self._note, self._page, self._listener = place, note, page, listener
         self._name = "page" if listener is None else "STOP's own listener"
         self._process: subprocess.Popen[bytes] | None = None
         self._ending = threading.Event()
-        self._beginning = threading.Lock()  # a process that is being begun when `stop` comes is ended, too
+        self._starting = threading.Lock()  # so that `stop` also ends a process that is being started
 
     def start(self) -> None:
-        """Begin, in a thread that waits for its end."""
+        """Start the process, in a thread that waits for its end."""
         threading.Thread(target=self._keep, name=self._name, daemon=True).start()
 
     def _keep(self) -> None:
@@ -62,28 +85,28 @@ class WebProcess:
             self._ending.wait(wait_s)
 
     def _why(self, status: int) -> str:
-        """Why it may have ended: its address is the one thing that somebody else can take."""
-        address, port = self._door
+        """Return the probable reason of its end: its address may be taken."""
+        address, port = self._page
         try:
             if self._listener is None:
                 listening(address, port).close()
         except OSError as error:
             why = f"{address}:{port}: {why_not(error)} (serve.address, serve.port)"
             return f"there is no page at {why}: tried again until there is"
-        return f"the process of the {self._name} ended with status {status} and is begun again"
+        return f"the process of the {self._name} ended with status {status} and is started again"
 
     def _begin(self, command: list[str], files: list[int]) -> subprocess.Popen[bytes] | None:
-        """A process, for `stop` to end; None where that has come already. Raises OSError."""
-        with self._beginning:
+        """Start a process; None if `stop` has come already. Raises OSError."""
+        with self._starting:
             if self._ending.is_set():
                 return None
             self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=tuple(files))
             return self._process
 
     def stop(self) -> None:
-        """End it; what it leaves open is closed by force."""
+        """End the process, by force after some seconds."""
         self._ending.set()
-        with self._beginning:
+        with self._starting:
             process = self._process
         if process is None:
             return

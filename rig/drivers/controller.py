@@ -1,23 +1,39 @@
-"""What every driver of a temperature controller provides, whatever its protocol."""
+"""A temperature controller: what the rig asks of every driver, what drivers share, and an "off" that is confirmed.
+
+A Peltier controller takes a current, A; positive heats, however the element is wired. A heater cannot cool: it takes a
+drive, the share of full power from 0 to 1, in the place of amperes and under the same names (`limits.current_A = 1.0`,
+a record's `current_A`). A heater goes with a plate model of kind "heater", whose rate of heating is per full drive.
+"""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import isnan, nan
-from typing import ClassVar, Protocol
+from math import inf, isfinite, isnan, nan
+from typing import ClassVar
 
-from rig.core.reading import Reading
+from rig.core.clock import Clock
+from rig.core.errors import Disconnected, Refused
+from rig.core.reading import Quality, Reading
 from rig.drivers.identity import Identity
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
+OFF_S = 0.7  # for all of a controller's ways to switch off: a later command would only feed its dead man
+STATUS_S = 0.3  # a status that changes one control step (0.1 to 0.3 s) after the command is waited for
+STARTED_S = 0.5  # the same when the output is switched on: until a status says "running"
+LOOK_S = 0.02  # between two looks at a status
+OF_FULL_DRIVE = "of full drive"
+CURRENTS, DRIVES, SETPOINTS = "currents", "drives", "setpoints"  # for which an output can be armed
+
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What a controller says about itself.
+    """Status that a controller reports.
 
-    code: its own number of the error, 0 where there is none. meaning: the error in words; remedy: what to do about it,
-    and what clears it; both empty where there is none.
+    code: its own number of the error, 0 for none. meaning: the error in words; remedy: what to do about it, and what
+    clears it; both empty for none.
     """
 
     text: str
@@ -30,9 +46,9 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class OwnLimits:
-    """What the instrument itself holds to, as it reads back now; nan where it has no such thing.
+    """Limits that the instrument itself keeps, as it reads them back now; nan for a limit that it does not have.
 
-    dead_man_s: 0 where it is switched off. ramp_K_per_s: of its own regulation, 0 for as fast as it can.
+    dead_man_s: 0 if it is switched off. ramp_K_per_s: of its own regulation, 0 for as fast as it can.
     """
 
     current_A: float = nan
@@ -42,7 +58,7 @@ class OwnLimits:
     ramp_K_per_s: float = nan
 
     def faults(self, current_A: float, limits_degC: tuple[float, float], dead_man_s: float) -> list[str]:
-        """What differs from what was configured, a line each; what it does not have is no fault."""
+        """Return a line for each limit that differs from what is configured; a missing limit is no fault."""
         pairs = (
             ("current limit", "A", self.current_A, current_A),
             ("lower temperature limit", "degC", self.low_degC, limits_degC[0]),
@@ -56,71 +72,224 @@ class OwnLimits:
         ]
 
 
-class TemperatureController(Protocol):
-    """Drives a Peltier element and reads its thermometer. Positive current heats, however it is wired.
+@dataclass(frozen=True)
+class OwnField:
+    """A gain of a controller's own PID: the driver's option, its value rounded as the instrument keeps it, the command
+    that sets it, its unit."""
 
-    commands_current: whether it takes a current (otherwise setpoints only). has_dead_man: whether it
-    turns its output off by itself when the host falls silent. has_ramp: whether its own regulation takes a rate.
-    confirms_off_by: what a True of `off` rests on, in words. dead_man_s: what `configure` has set, 0 before that and
-    where there is none.
+    option: str
+    value: float
+    command: str
+    unit: str
 
-    All methods but `off` raise
-    `rig.core.errors.InstrumentError`; a value that may not be commanded is a ValueError, and nothing is sent.
-    A driver of one's own may lack confirms_off_by, dead_man_s and clear_error.
+
+class TemperatureController:
+    """A driver of a Peltier element or a heater and its thermometer; a driver overrides what its instrument can do.
+
+    commands_current: whether it takes a current (otherwise setpoints only). has_dead_man: whether it turns its output
+    off by itself when the host falls silent. has_ramp: whether its own regulation takes a rate. confirms_off_by: the
+    evidence behind a True of `off`, in words. dead_man_s: as set by `configure`, 0 before that and if it has none.
+    NAME: for people. LARGEST_CURRENT: that may be configured as the limit, A or share of full drive.
+
+    All methods but `off` raise `rig.core.errors.InstrumentError`; a value that may not be commanded is a ValueError,
+    and nothing is sent. A user-defined driver need not inherit from this class.
     """
 
+    NAME: str = "this controller"
     LINE: ClassVar[LineSettings]
-    commands_current: ClassVar[bool]
-    has_dead_man: ClassVar[bool]
-    has_ramp: ClassVar[bool]
-    confirms_off_by: ClassVar[str]
+    LARGEST_CURRENT: ClassVar[float] = inf
+    drive_unit: ClassVar[str] = "A"
+    cools: ClassVar[bool] = True
+    commands_current: ClassVar[bool] = False
+    has_dead_man: ClassVar[bool] = False
+    has_ramp: ClassVar[bool] = False
+    confirms_off_by: ClassVar[str] = "what its driver reads back; it shows no current"
     transport: Transport
-    dead_man_s: float
+    dead_man_s: float = 0.0
+    current_limit_A: float = nan
+    temperature_limits_degC: tuple[float, float] = (nan, nan)
+    _armed: str | None = None
 
     def identify(self) -> Identity:
-        """Who it is; Refused where it is no instrument of this driver's family."""
+        """Return the identity; Refused if it is no instrument of this driver's family."""
+        raise NotImplementedError
 
     def configure(
         self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
     ) -> None:
-        """Output off, limits and dead man set and read back; Refused where the read-back differs."""
+        """Switch the output off, set limits and dead man and read them back; Refused if the read-back differs."""
+        raise NotImplementedError
 
     def own_limits(self) -> OwnLimits:
-        """Its own limits, dead man and ramp, as it reads them back now."""
+        """Read back the instrument's own limits, dead man and ramp."""
+        return OwnLimits()
 
     def set_ramp_K_per_s(self, ramp_K_per_s: float) -> None:
-        """Rate of the instrument's own regulation, 0 for as fast as it can; Refused where it has none."""
+        """Set the rate of the instrument's own regulation, 0 for as fast as it can; Refused if it has none."""
+        raise Refused(None, f"{self.NAME} has no ramp of its own")
 
     def arm_current(self) -> None:
-        """Output on at 0 A, ready for `set_current_A`."""
+        """Switch the output on at 0 A, ready for `set_current_A`."""
+        raise Refused(None, f"{self.NAME} takes no current; use setpoints")
 
     def set_current_A(self, current_A: float) -> None:
-        """Current from now on, A; acknowledged when it returns."""
+        """Set the current from now on, A; return when it is acknowledged."""
+        raise Refused(None, f"{self.NAME} takes no current; use setpoints")
 
     def arm_setpoint(self) -> None:
-        """Output on under the instrument's own regulation, held at the temperature of now."""
+        """Switch the output on under the instrument's own regulation, held at the temperature of now."""
+        raise Refused(None, f"{self.NAME} has no regulation of its own; it takes a drive")
 
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
-        """Target of the instrument's own regulation, degC; acknowledged when it returns."""
+        """Set the target of the instrument's own regulation, degC; return when it is acknowledged."""
+        raise Refused(None, f"{self.NAME} has no regulation of its own; it takes a drive")
 
     def read_temperature(self) -> Reading:
-        """Thermometer, degC."""
+        """Read the thermometer, degC."""
+        raise NotImplementedError
 
     def read_current(self) -> Reading:
-        """Current that flows, A."""
+        """Read the current that flows, A; `INVALID`, and nothing is asked, if the instrument does not show it."""
+        return Reading(nan, self.transport.clock.now_s(), Quality.INVALID)
 
     def status(self) -> Status:
-        """What it says about itself."""
+        """Return the status that the instrument reports."""
+        raise NotImplementedError
 
     def clear_error(self) -> None:
-        """Clear what it reports, limits and dead man as configured; Refused where the error stays or it cannot."""
+        """Clear the error that it reports, limits and dead man as configured; Refused if the error stays."""
+        raise Refused(None, f"{self.NAME} cannot clear an error from here; clear it at the instrument")
 
     def off(self) -> bool:
-        """Output off; True only if the instrument reads back that it is, and that no current flows where it can.
+        """Switch the output off; return True only if the instrument reads back off, and no current if it can.
 
-        First a plain "off", at once; then everything stronger that it knows. Over within `OFF_S` of
-        `rig.drivers.confirmed`, or one time-out more, against a device that does not answer. Never raises.
+        A plain "off" goes first, at once, then everything stronger. Ends within `OFF_S`, or one time-out more, against
+        a device that does not answer. Never raises.
         """
+        raise NotImplementedError
 
     def close(self) -> None:
         """Let go of the port; the output stays as it is. Never raises."""
+        self.transport.close()
+
+    # ---- checks ---------------------------------------------------------------------------------
+
+    def _check_limits(self, current_limit_A: float, limits_degC: tuple[float, float]) -> None:
+        """Raise ValueError for limits that cannot be configured."""
+        low_degC, high_degC = limits_degC
+        if not (isfinite(current_limit_A) and 0.0 < current_limit_A <= self.LARGEST_CURRENT):
+            unit = "A" if self.drive_unit == "A" else "as a share of full drive"
+            most = f" and at most {self.LARGEST_CURRENT:g}" if isfinite(self.LARGEST_CURRENT) else ""
+            raise ValueError(f"current limit {current_limit_A:g}: expected more than 0{most} {unit} for {self.NAME}")
+        if not (isfinite(low_degC) and isfinite(high_degC) and low_degC < high_degC):
+            raise ValueError(f"temperature limits {low_degC}, {high_degC} degC: two rising numbers are expected")
+
+    def _check_current(self, current_A: float) -> None:
+        """Raise ValueError for a current or drive outside the configured limit; Refused before there is one."""
+        limit, unit = self.current_limit_A, self.drive_unit
+        if abs(current_A) <= limit and (self.cools or current_A >= 0.0):  # never with a limit that is nan
+            return
+        self._require_configured()
+        if current_A < 0.0 and not self.cools:
+            raise ValueError(f"{current_A} {unit}: {self.NAME} cannot cool; 0 to {limit:g} is expected")
+        raise ValueError(f"{current_A} {unit} is outside the configured {'+-' if self.cools else '0 to '}{limit:g}")
+
+    def _check_setpoint(self, setpoint_degC: float) -> None:
+        """Raise ValueError for a setpoint outside the configured limits."""
+        low_degC, high_degC = self.temperature_limits_degC
+        if not low_degC <= setpoint_degC <= high_degC:
+            raise ValueError(f"{setpoint_degC} degC is outside the configured {low_degC} to {high_degC} degC")
+
+    def _require_configured(self) -> None:
+        if isnan(self.temperature_limits_degC[0]):
+            raise Refused(None, "limits are not configured yet")
+
+    def _require_armed(self, commands: str) -> None:
+        if self._armed != commands:
+            raise Refused(None, f"the output is not armed for {commands}")
+
+    def _require_within(self, now: Reading) -> float:
+        """Return the temperature, degC, that own regulation begins with; Refused outside the configured limits."""
+        low_degC, high_degC = self.temperature_limits_degC
+        if not (now.is_number and low_degC <= now.value <= high_degC):
+            raise Refused(None, f"object temperature {now.value} degC is not within {low_degC} to {high_degC} degC")
+        return now.value
+
+
+def drive_unit(controller: object) -> str:
+    """Return the unit of `set_current_A`: "A", or "of full drive" for a heater."""
+    return str(getattr(controller, "drive_unit", "A"))
+
+
+def cools(controller: object) -> bool:
+    """Return True if the controller takes a drive below 0."""
+    return bool(getattr(controller, "cools", True))
+
+
+def check_gains(**gains: tuple[float | None, float, float]) -> None:
+    """Raise ValueError for a gain that the instrument does not take.
+
+    Of each: its value (None: not given), the least and the largest.
+    """
+    for name, (gain, low, high) in gains.items():
+        if gain is not None and not low <= gain <= high:
+            raise ValueError(f"{name} {gain!r}: {low:g} to {high:g} is expected")
+
+
+# ---- a status that follows its command --------------------------------------------------------------
+
+
+def _no_doubt() -> None:
+    """Do nothing: every answer of the protocol proves what it belongs to."""
+
+
+def confirmed_off(
+    transport: Transport, ways: Sequence[tuple[Callable[[], bool], float]], doubt: Callable[[], None] = _no_doubt
+) -> bool:
+    """Switch off by several ways, each stronger than the one before; return True once one is confirmed. Never raises.
+
+    ways: a function that commands off and returns whether it reads back off, and until when that is repeated (s from
+    now; once at least). doubt: called after any error; a port whose device was gone is opened anew then.
+    """
+    clock = transport.clock
+    begin_s = clock.now_s()
+    for command_and_look, until_s in ways:
+        while True:
+            trial_s = clock.now_s()
+            try:
+                if command_and_look():
+                    return True
+            except Exception as error:  # whatever it was, the next attempt matters more
+                with contextlib.suppress(Exception):  # a port that is gone stays gone: the next attempt finds out
+                    doubt()
+                    if isinstance(error, Disconnected):
+                        transport.reopen()
+            now_s = clock.now_s()
+            if now_s + max(LOOK_S, 0.5 * (now_s - trial_s)) >= begin_s + until_s:  # no room for another like it
+                break
+            clock.sleep_until_s(clock.now_s() + LOOK_S)
+    return False
+
+
+def wait_until_on(clock: Clock, status: Callable[[], Status]) -> None:
+    """Wait until a controller reports that its output is on; Refused if it does not, or is in error."""
+    found: list[Status] = []
+
+    def runs_or_never_will() -> bool:
+        found[:] = [status()]
+        return found[0].is_error or found[0].output_is_on
+
+    wait_until(clock, runs_or_never_will, STARTED_S)
+    if found[0].is_error or not found[0].output_is_on:
+        remedy = f" ({found[0].remedy})" if found[0].remedy else ""
+        raise Refused(found[0].code or None, f"the output does not come on: {found[0].text}{remedy}")
+
+
+def wait_until(clock: Clock, true: Callable[[], bool], longest_s: float) -> bool:
+    """Return True if `true()` becomes True in time; it is asked at once, and every `LOOK_S`."""
+    until_s = clock.now_s() + longest_s
+    while not true():
+        if clock.now_s() >= until_s:
+            return False
+        clock.sleep_until_s(clock.now_s() + LOOK_S)
+    return True

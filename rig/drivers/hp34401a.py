@@ -1,13 +1,12 @@
 """HP / Agilent 34401A multimeter as an ohmmeter on its RS-232 port.
 
-Source: 34401A User's Guide, RS-232 section p. 149 to 152. Test currents are NOT verified on an instrument, and neither
-is its framing as shipped (7 bits, even parity); two stop bits are fixed.
+Source: 34401A User's Guide, RS-232 section p. 149 to 152. NOT verified on an instrument: test currents, and its framing
+as shipped (7 bits, even parity); two stop bits are fixed.
 
 The meter holds its sender off by DTR, of which a serial port on Linux takes no notice. So there is one outstanding
 question at any time, no message is longer than 100 characters, and after ^C there is a pause. It wants to be in remote
 mode first (SYSTem:REMote), and forgets that when it is switched off. `READ?` does not keep its readings: here they are
-initiated, and fetched twice. Ranges, and the residual of a reading that is given twice, are in
-`rig.drivers.scpi_meter`. The test current flows as long as a resistance function is chosen; `off` chooses volts.
+initiated, and fetched twice. The test current flows as long as a resistance function is chosen; `off` chooses volts.
 
 At 9600 Bd with two stop bits the 70 characters of a reading take 80 ms: with NPLC 1 a period of 0.2 s is right.
 """
@@ -16,8 +15,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
+from rig.drivers.scpi import ScpiLink
 from rig.drivers.scpi_meter import ScpiMeter
 from rig.ports.open import LineSettings
 
@@ -25,22 +25,29 @@ from rig.ports.open import LineSettings
 TEST_CURRENTS_A: Mapping[float, float] = MappingProxyType(
     {1e2: 1e-3, 1e3: 1e-3, 1e4: 1e-4, 1e5: 1e-5, 1e6: 5e-6, 1e7: 5e-7, 1e8: 5e-7}
 )
-NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)  # those that it has
-CLEAR_S = 0.05  # after ^C
+NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)  # that it has
+
+
+class Hp34401ALink(ScpiLink):
+    """The line of the meter."""
+
+    END: ClassVar[bytes] = b"\n"
+    ABORT: ClassVar[bytes] = b"\x03"
+    CLEAR_S: ClassVar[float] = 0.05
+    WAKE: bytes = b"SYST:REM"
 
 
 class Hp34401AMeter(ScpiMeter):
-    """See `rig.drivers.meter.Meter`; options as in `ScpiMeter`."""
+    """A `rig.drivers.meter.Meter`; options as in `ScpiMeter`."""
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=9600, bytesize=7, parity="E", stopbits=2)
-    LINK: ClassVar[Mapping[str, Any]] = {"end": b"\n", "abort": b"\x03", "clear_s": CLEAR_S, "wake": b"SYST:REM"}
+    LINK: ClassVar[type[ScpiLink]] = Hp34401ALink
     NAME: ClassVar[str] = "HP 34401A"
+    MAKERS: ClassVar[tuple[str, ...]] = ("HEWLETT", "AGILENT", "KEYSIGHT")
+    MODELS: ClassVar[tuple[str, ...]] = ("34401",)
     TEST_CURRENTS_A: ClassVar[Mapping[float, float]] = TEST_CURRENTS_A
     READ: ClassVar[str] = "INIT;FETC?;FETC?"
     SENSE: ClassVar[str] = ":"
-
-    def _is_mine(self, maker: str, model: str) -> bool:
-        return "34401" in model and ("HEWLETT" in maker or "AGILENT" in maker or "KEYSIGHT" in maker)
 
     def _check_nplc(self, nplc: float) -> None:
         if nplc not in NPLCS:

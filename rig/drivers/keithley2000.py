@@ -2,11 +2,8 @@
 
 Source: Model 2000 User's Manual rev J p. 4-6, 4-38, 5-63. Test currents are NOT verified on an instrument.
 
-Ranges, the reading that is given twice and its residual are in `rig.drivers.scpi_meter`. The test current flows as
-long as a resistance function is chosen; `off` chooses volts.
-
-Set the instrument to RS-232 at 19200 Bd with LF (or CRLF) at its front panel; from the factory it listens
-to GPIB.
+The test current flows as long as a resistance function is chosen; `off` chooses volts. Set the instrument to RS-232 at
+19200 Bd with LF (or CRLF) at its front panel; from the factory it listens to GPIB.
 """
 
 from __future__ import annotations
@@ -25,17 +22,15 @@ TEST_CURRENTS_A: Mapping[float, float] = MappingProxyType(
 
 
 class Keithley2000Meter(ScpiMeter):
-    """See `rig.drivers.meter.Meter`; options as in `ScpiMeter`."""
+    """A `rig.drivers.meter.Meter`; options as in `ScpiMeter`."""
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=19200)
     NAME: ClassVar[str] = "Keithley 2000"
+    MODELS: ClassVar[tuple[str, ...]] = ("2000",)
     AVERAGE: ClassVar[str] = ":SENS:{function}:AVER"
     TEST_CURRENTS_A: ClassVar[Mapping[float, float]] = TEST_CURRENTS_A
     VOLTS: ClassVar[str] = "VOLT:DC"
     QUOTE: ClassVar[str] = "'"
-
-    def _is_mine(self, maker: str, model: str) -> bool:
-        return "KEITHLEY" in maker and "2000" in model
 
     def _setting_messages(self) -> list[str]:
         sense = f":SENS:{self._function}"

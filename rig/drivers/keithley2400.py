@@ -1,16 +1,15 @@
 """Keithley 2400 SourceMeter as an ohmmeter on its RS-232 port.
 
 Sources: 2400 series manual p. 4-4, 4-14 (auto-ohms, its test currents, the recipe for four wires), 14-14, 18-51
-(elements of a reply, and what stands for overflow and for not measured), 18-61.
+(elements of a reply, and the numbers for overflow and for not measured), 18-61.
 
 It sources its test current through the film as long as its output is on, and 100 mA in its lowest range: only ranges
 whose current is allowed are used, and every reply carries the current that was sourced, which has to be the range's.
 `output_between_readings`: whether the output stays on from the first reading (and the film's self-heating with it) or
-is on during a reading only. `off` and `close` switch it off. Where it is found off, by hand or by an interlock, a
+is on during a reading only. `off` and `close` switch it off. If it is found off, switched by hand or by an interlock, a
 reading is Refused with the instrument's own error, and the next one switches it on again.
 
-For volts it sources 0 A. A reply has two of the five elements, current and resistance, or the voltage alone; ranges,
-and the residual of a reading that is given twice, are in `rig.drivers.scpi_meter`.
+For volts it sources 0 A. A reply has two of the five elements, current and resistance, or the voltage alone.
 
 Set the instrument to RS-232 at 57600 Bd with LF (or CRLF) at its front panel; from the factory it has 9600 Bd, at which
 the 90 characters of a reading take 94 ms (option `baud`).
@@ -25,7 +24,7 @@ from typing import ClassVar
 from rig.core.errors import OutOfStep, TimedOut
 from rig.core.reading import Reading
 from rig.drivers.meter import OVERFLOW
-from rig.drivers.scpi_meter import ScpiMeter, is_number
+from rig.drivers.scpi_meter import Expected, ScpiMeter, is_number
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
@@ -36,16 +35,73 @@ TEST_CURRENTS_A: Mapping[float, float] = MappingProxyType(
 CURRENT_TOLERANCE = 0.05  # of the test current, between the table and the reply
 
 
-class Keithley2400Meter(ScpiMeter):
-    """See `rig.drivers.meter.Meter`; options as in `ScpiMeter`, and whether the output stays on between readings."""
+class SourceMeter(ScpiMeter):
+    """An ohmmeter that sources its test current while its output is on."""
 
-    LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600)
-    NAME: ClassVar[str] = "Keithley 2400"
-    AVERAGE: ClassVar[str] = ":SENS:AVER"
     TEST_CURRENTS_A: ClassVar[Mapping[float, float]] = TEST_CURRENTS_A
     FIRST_RANGE_OHM: ClassVar[float] = 2e5
     VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.2, 2.0, 20.0, 200.0)
     OVERRANGE: ClassVar[float] = 1.05
+    _stays_on = True  # between readings
+    _output_is_on = False
+
+    def start_reading(self) -> None:
+        """Begin a reading; switch the output on if it has to be."""
+        if self._ranges:
+            if self.link.in_doubt:
+                self.link.resynchronise()
+            if self._rests:
+                self._apply()
+            if self._stays_on and not self._output_is_on:
+                self.link.command(":OUTP ON")
+                self._output_is_on = True
+        super().start_reading()
+
+    def finish_reading(self) -> Reading:
+        """Return the reading that was begun, ohm. Refused, from the error queue, if there was none."""
+        try:
+            return super().finish_reading()
+        except TimedOut:
+            self.link.explain_silence(self._message)
+            raise
+
+    def off(self) -> bool:
+        """Switch the output off until the next reading; return True only if that reads back. Never raises."""
+        self._output_is_on = False
+        return super().off()
+
+    def close(self) -> None:
+        """Switch the output off, as well as that can be done, and let go of the port. Never raises."""
+        self.off()
+        super().close()
+
+    def _function_for(self, four_wire: bool) -> str:
+        return "RES"
+
+    def _rest(self) -> bool:
+        return is_number(self.link.ask(":OUTP OFF;:OUTP?"), 0.0)
+
+    def _value(self, text: str) -> float:
+        if self._reads_volts:
+            return super()._value(text)
+        current_text, _, resistance_text = text.partition(",")
+        current_A, resistance_ohm = super()._value(current_text), super()._value(resistance_text)
+        if resistance_ohm >= OVERFLOW:  # into an open film it cannot source its current
+            return resistance_ohm
+        expected_A = self.test_current_A
+        if abs(current_A - expected_A) > CURRENT_TOLERANCE * expected_A:
+            self.link.doubt()
+            raise OutOfStep(f"the meter sourced {current_A:g} A, and {expected_A:g} A belong to its range")
+        return resistance_ohm
+
+
+class Keithley2400Meter(SourceMeter):
+    """A `rig.drivers.meter.Meter`; options as in `ScpiMeter`, and whether the output stays on between readings."""
+
+    LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600)
+    NAME: ClassVar[str] = "Keithley 2400"
+    MODELS: ClassVar[tuple[str, ...]] = ("2400", "2401")
+    AVERAGE: ClassVar[str] = ":SENS:AVER"
 
     def __init__(
         self,
@@ -65,103 +121,38 @@ class Keithley2400Meter(ScpiMeter):
             first_token=first_token,
         )
         self._stays_on = output_between_readings
-        self._output_is_on = False
-
-    def start_reading(self) -> None:
-        """Begin a reading; the output is switched on where it has to be."""
-        if self._ranges:
-            if self.link.in_doubt:
-                self.link.resynchronise()
-            if self._rests:
-                self._apply()
-            if self._stays_on and not self._output_is_on:
-                self.link.command(":OUTP ON")
-                self._output_is_on = True
-        super().start_reading()
-
-    def finish_reading(self) -> Reading:
-        """The reading that was begun, ohm. Refused, from the error queue, where there was none."""
-        try:
-            return super().finish_reading()
-        except TimedOut:
-            self.link.explain_silence(self._message)
-            raise
-
-    def off(self) -> bool:
-        """Output off until the next reading; True only if it reads back so. Never raises."""
-        self._output_is_on = False
-        return super().off()
-
-    def close(self) -> None:
-        """Output off, as well as that can be done, and let go of the port. Never raises."""
-        self.off()
-        super().close()
-
-    def _is_mine(self, maker: str, model: str) -> bool:
-        return "KEITHLEY" in maker and ("2400" in model or "2401" in model)
-
-    def _function_for(self, four_wire: bool) -> str:
-        return "RES"
 
     def _setting_messages(self) -> list[str]:
         self._output_is_on = False
         sense = f":SENS:{self._function}"
-        what = f"{sense}:NPLC {self._nplc:g};:SYST:RSEN {'ON' if self._four_wire else 'OFF'}"
-        range_text = self._range_text(self._chosen)
+        settings = f"{sense}:NPLC {self._nplc:g};:SYST:RSEN {'ON' if self._four_wire else 'OFF'}"
+        in_range = f"{sense}:RANG:AUTO 0;{sense}:RANG {self._range_text(self._chosen)}"
         clear = f":SOUR:CLE:AUTO {0 if self._stays_on else 1}"
         if self._reads_volts:
             return [
                 "*RST",
-                f':SOUR:FUNC CURR;:SOUR:CURR 0;:SENS:FUNC "VOLT";{what}',
-                f"{sense}:PROT {1.05 * self._ranges[self._chosen]:g};{sense}:RANG:AUTO 0;{sense}:RANG {range_text}",
+                f':SOUR:FUNC CURR;:SOUR:CURR 0;:SENS:FUNC "VOLT";{settings}',
+                f"{sense}:PROT {1.05 * self._ranges[self._chosen]:g};{in_range}",
                 f":FORM:ELEM VOLT;{clear}",
             ]
         return [
             "*RST",
-            f':SENS:FUNC "RES";:SENS:RES:MODE AUTO;{what}',
-            f"{sense}:RANG:AUTO 0;{sense}:RANG {range_text}",
+            f':SENS:FUNC "RES";:SENS:RES:MODE AUTO;{settings}',
+            in_range,
             f":FORM:ELEM CURR,RES;{clear}",
         ]
 
-    def _settings_message(self) -> str:
-        sense = f":SENS:{self._function}"
-        mode = ":SOUR:FUNC?" if self._reads_volts else ":SENS:RES:MODE?"
-        return (
-            f":SENS:FUNC?;{mode};{sense}:NPLC?;:SYST:RSEN?;{sense}:RANG:AUTO?;{sense}:RANG?"
-            ";:FORM:ELEM?;:SOUR:CLE:AUTO?;:OUTP?"
-        )
-
-    def _as_configured(self, settings: list[str]) -> bool:
-        if len(settings) != 9:
-            return False
-        functions, mode, nplc, wires, automatic, full_scale, elements, clear, output = settings
-        if self._reads_volts:
-            kind = mode == "CURR" and elements == "VOLT"
-        else:
-            kind = mode == "AUTO" and elements.replace(" ", "") == "CURR,RES"
-        return (
-            kind
-            and f'"{self._function}' in functions.replace("'", '"')
-            and is_number(nplc, self._nplc)
-            and is_number(wires, float(self._four_wire))
-            and is_number(automatic, 0.0)
-            and is_number(full_scale, self._ranges[self._index])
-            and is_number(clear, float(not self._stays_on))
-            and is_number(output, float(self._output_is_on))
-        )
-
-    def _rest(self) -> bool:
-        return is_number(self.link.ask(":OUTP OFF;:OUTP?"), 0.0)
-
-    def _value(self, text: str) -> float:
-        if self._reads_volts:
-            return super()._value(text)
-        current_text, _, resistance_text = text.partition(",")
-        current_A, resistance_ohm = super()._value(current_text), super()._value(resistance_text)
-        if resistance_ohm >= OVERFLOW:  # into an open film it cannot source its current
-            return resistance_ohm
-        expected_A = self.test_current_A
-        if abs(current_A - expected_A) > CURRENT_TOLERANCE * expected_A:
-            self.link.doubt()
-            raise OutOfStep(f"the meter sourced {current_A:g} A where its range has {expected_A:g} A")
-        return resistance_ohm
+    def _expected_settings(self) -> list[tuple[str, Expected]]:
+        sense, volts = f":SENS:{self._function}", self._reads_volts
+        elements = "VOLT" if volts else "CURR,RES"
+        return [
+            (":SENS:FUNC?", lambda text: f'"{self._function}' in text.replace("'", '"')),  # others are measured, too
+            (":SOUR:FUNC?", "CURR") if volts else (":SENS:RES:MODE?", "AUTO"),
+            (f"{sense}:NPLC?", self._nplc),
+            (":SYST:RSEN?", float(self._four_wire)),
+            (f"{sense}:RANG:AUTO?", 0.0),
+            (f"{sense}:RANG?", self._ranges[self._index]),
+            (":FORM:ELEM?", lambda text: text.replace(" ", "") == elements),
+            (":SOUR:CLE:AUTO?", float(not self._stays_on)),
+            (":OUTP?", float(self._output_is_on)),
+        ]

@@ -1,14 +1,17 @@
-"""What every driver of a meter provides, whatever its protocol; and what its numbers mean.
+"""A meter: what the rig asks of every driver, and what its numbers mean.
 
-A meter reads the film's resistance, or a voltage that stands for another quantity: a position-sensitive detector's for
-a cantilever's curvature (`rig.drivers.formula_meter`). Either way it has one film output, as a film model names it.
+A meter reads the film's resistance, or a voltage that stands for another quantity, such as a position-sensitive
+detector's for a cantilever's curvature (`rig.drivers.formula`). Either way it has one film output, as a film model
+names it.
 """
 
 from __future__ import annotations
 
-from math import copysign, inf, isfinite, log10, nan
-from typing import ClassVar, Protocol
+from dataclasses import dataclass
+from math import copysign, inf, isfinite, isnan, log10, nan
+from typing import Any, ClassVar
 
+from rig.core.errors import Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.identity import Identity
 from rig.ports.open import LineSettings
@@ -16,18 +19,36 @@ from rig.ports.transport import Transport
 
 OVERFLOW = 9.8e37  # SCPI's sentinels are 9.9E37 (infinity) and 9.91E37 (not a number)
 NOT_A_NUMBER = 9.905e37
-LINE_PERIOD_S = 1.0 / 50.0  # of the power line, in which integrations are told: the longer of 50 and 60 Hz
-LOG_RESISTANCE = "minus_log10_ohm"  # the film's output where the meter reads ohms: -log10(R / 1 ohm)
+LINE_PERIOD_S = 1.0 / 50.0  # of the power line, in which integrations are counted: the longer of 50 and 60 Hz
+LOG_RESISTANCE = "minus_log10_ohm"  # the film's output if the meter reads ohms: -log10(R / 1 ohm)
 MOST_RANGES = 8  # of a meter: none has more
 
 
-class Meter(Protocol):
-    """Reads what the film shows.
+@dataclass(frozen=True)
+class Averaging:
+    """A meter's own repeating filter: a reading is the mean of `count` integrations, one after the other.
 
-    output: the film's output that it reads, by its name and unit in a model file; "minus_log10_ohm" where readings
-    are in ohm, otherwise readings are in the unit that the name ends with. test_current_A: of the range in use, nan
-    where it is not known. full_scale: of the range in use, in the unit of what is measured (ohm or V), nan before
-    `configure`. All methods but `off` and `close` raise `rig.core.errors.InstrumentError`.
+    Such a filter fills its stack anew for every reading, so that no reading has a share of the one before. The mean of
+    k has 1 / sqrt(k) of the noise and takes k times as long. each_s: from the beginning of one integration to that of
+    the next, as it was measured, s; nan: not known, and taken for the integration alone.
+    """
+
+    count: int = 1
+    each_s: float = nan
+
+    def middle_s(self, aperture_s: float) -> float:
+        """Return the time from the beginning of the first integration, of aperture_s, to the middle of all, s."""
+        each_s = aperture_s if isnan(self.each_s) else max(self.each_s, aperture_s)
+        return 0.5 * (aperture_s + (self.count - 1) * each_s)
+
+
+class Meter:
+    """A driver that reads the film's output.
+
+    output: the film's output that it reads, by its name and unit in a model file; "minus_log10_ohm" if readings are in
+    ohm, otherwise readings are in the unit that the name ends with. test_current_A: of the range in use, nan if it is
+    not known. full_scale: of the range in use, in ohm or V, nan before `configure`. All methods but `off` and `close`
+    raise `rig.core.errors.InstrumentError`. A user-defined driver need not inherit from this class.
     """
 
     LINE: ClassVar[LineSettings]
@@ -35,48 +56,67 @@ class Meter(Protocol):
 
     @property
     def output(self) -> str:
-        """Name and unit of the film's output."""
+        """Return name and unit of the film's output."""
+        raise NotImplementedError
 
     @property
     def test_current_A(self) -> float:
-        """Current that the last reading was taken with, A."""
+        """Return the current that the last reading was taken with, A."""
+        raise NotImplementedError
 
     @property
     def full_scale(self) -> float:
-        """Of the range that the last reading was taken in, ohm or V."""
+        """Return the full scale of the range that the last reading was taken in, ohm or V."""
+        raise NotImplementedError
 
     def identify(self) -> Identity:
-        """Who it is; Refused where it is no instrument of this driver's family."""
+        """Return the identity; Refused if it is no instrument of this driver's family."""
+        raise NotImplementedError
 
     def configure(self, four_wire: bool, nplc: float, max_test_current_A: float) -> None:
-        """Function, integration time in power line cycles, ranges by test current; Refused."""
+        """Set function, integration time in power line cycles, and ranges by test current; Refused."""
+        raise NotImplementedError
 
     def start_reading(self) -> None:
-        """Begin a reading; returns before it is there."""
+        """Begin a reading; return before it is there."""
+        raise NotImplementedError
 
     def finish_reading(self) -> Reading:
-        """The reading that was begun."""
+        """Return the reading that was begun."""
+        raise NotImplementedError
 
     def read(self) -> Reading:
         """Begin a reading and wait for it."""
+        self.start_reading()
+        return self.finish_reading()
 
     def off(self) -> bool:
-        """Stop the test current until the next reading; True only if the meter reads back that it has. Never raises."""
+        """Stop the test current until the next reading; return True only if that reads back. Never raises."""
+        raise NotImplementedError
 
     def close(self) -> None:
         """Let go of the port; a meter that sources its test current stops it first. Never raises."""
+        self.transport.close()
 
 
-ResistanceMeter = Meter  # what reads ohms
+ResistanceMeter = Meter  # that reads ohms
+
+
+def average(meter: Any, averaging: Averaging) -> None:
+    """Let every reading of the meter be such a mean from now on; Refused if it has no filter; InstrumentError."""
+    own = getattr(meter, "average", None)
+    if own is None:
+        raise Refused(None, "the meter does not average its readings itself")
+    own(averaging)
 
 
 def column_of(output: str) -> str:
-    """The record's column that holds a meter's readings."""
+    """Return the record's column that holds a meter's readings."""
     return "resistance_ohm" if output == LOG_RESISTANCE else output
 
 
 def film_output(output: str, reading: Reading | None) -> float:
-    """The film's output that a reading stands for; nan where it is no number, or a resistance that is not positive."""
+    """Return the film's output of a reading; nan if it is no number, or a resistance that is not positive."""
     if reading is None or not reading.is_number:
         return nan
     if output != LOG_RESISTANCE:
@@ -85,13 +125,15 @@ def film_output(output: str, reading: Reading | None) -> float:
 
 
 def on_since_s(meter: Meter | None) -> float:
-    """When the test current of the range in use came on, where the driver knows it (ranges that it changed itself); nan
-    where it does not."""
+    """Return when the test current of the range in use came on; nan if the driver does not know it.
+
+    A driver knows it of ranges that it changed itself.
+    """
     return float(getattr(meter, "test_current_on_s", nan))
 
 
 def settled_reading(meter: Meter) -> Reading:
-    """A reading after the meter has found its range, or that none is high enough."""
+    """Return a reading after the meter has found its range, or that no range is high enough."""
     for _ in range(MOST_RANGES):
         if meter.read().is_number:
             break
@@ -99,9 +141,9 @@ def settled_reading(meter: Meter) -> Reading:
 
 
 def reading_in_words(reading: Reading, meter: Meter) -> str:
-    """What is wrong with a meter's reading, for people; empty where it is a number.
+    """Return in words why a meter's reading is no number; empty if it is one.
 
-    What is beyond the highest range of an ohmmeter is named as what it is: a film that is open or not connected.
+    Beyond the highest range of an ohmmeter the words name the cause: a film that is open or not connected.
     """
     if reading.is_number:
         return ""
@@ -115,13 +157,13 @@ def reading_in_words(reading: Reading, meter: Meter) -> str:
 
 
 def resistance_reading(value_ohm: float, time_s: float, largest_ohm: float) -> Reading:
-    """A resistance from a meter: as `voltage_reading`, and nothing or less is `INVALID`."""
+    """Return a reading of a resistance, judged as by `voltage_reading`; 0 or less is `INVALID`."""
     reading = voltage_reading(value_ohm, time_s, largest_ohm)
     return Reading(value_ohm, time_s, Quality.INVALID) if reading.is_number and value_ohm <= 0.0 else reading
 
 
 def voltage_reading(value_V: float, time_s: float, largest_V: float) -> Reading:
-    """A number from a meter, judged by magnitude and sign.
+    """Return a reading of a meter's number, judged by magnitude and sign.
 
     SCPI's +-9.9E37 is beyond the range (+-inf, `OVERRANGE`); its 9.91E37, any nan, and more than the range can show
     are `INVALID`.

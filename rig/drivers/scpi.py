@@ -1,18 +1,18 @@
 """SCPI over a serial line: a question, and the proof that an answer belongs to it.
 
-Source: IEEE 488.2-1992 (*ESE, *ESE?, `;` lists answered in one line), Model 2000 User's Manual rev J p.
-4-38 (^X aborts and discards pending output), p. 5-63 (error queue).
+Sources: IEEE 488.2-1992 (*ESE, *ESE?, `;` lists answered in one line), Model 2000 User's Manual rev J p. 4-38 (^X
+aborts and discards pending output), p. 5-63 (error queue).
 
 SCPI has neither sequence numbers nor checksums. Two means make up for that:
 
-* a token. Every message ends in `*ESE?;*ESE n`: it asks for the number that the message before has left in
-  the event status enable register, and leaves another. A late, repeated or lost answer, and an instrument
-  that has restarted in between (its register is 0), show a wrong number.
-* after anything unexpected the line is in doubt: ^X, then `*ESE n;*ESE?` until that number comes back. The
-  instrument answers in order, so everything older has come before it and is thrown away.
+* a token. Every message ends in `*ESE?;*ESE n`: it asks for the number that the message before has left in the event
+  status enable register, and leaves another. A late, repeated or lost answer, and an instrument that has restarted in
+  between (its register is 0), show a wrong number.
+* after anything unexpected the line is in doubt: ^X, then `*ESE n;*ESE?` until that number comes back. The instrument
+  answers in order, so everything older has come before it and is discarded.
 
-Tokens count from 1 to 255, from a random first one, so that none comes again before 254 others have been
-used. Residual: a whole answer of somebody else's passes where its token is the right one, 1 time in 255.
+Tokens count from 1 to 255, from a random first one, so that none comes again before 254 others have been used.
+Residual: another message's whole answer passes if its token is the right one, 1 time in 255.
 """
 
 from __future__ import annotations
@@ -20,84 +20,78 @@ from __future__ import annotations
 import random
 import re
 from collections.abc import Callable
+from typing import ClassVar
 
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
 from rig.ports.transport import Transport
 
+TRIALS = 3  # one answer may be hurt, and its repetition by the same disturbance
 RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three the line is dead
-# until an answer begins, where a driver says nothing else: meters answer within 50 ms unless they measure
-ANSWER_S = 0.5
 LONGEST_ANSWER = 100  # characters, for the time that they take
-LOOK_S = 0.005  # that is looked for an answer whose time has passed while nobody asked: it may be there long since
+LOOK_S = 0.005  # to look for an answer whose time has passed while nobody asked: it may have come long ago
 TOKEN = re.compile(rb"\s*\+?0*(\d{1,3})\s*")
 ERROR = re.compile(r'(?:.*;)?\s*([+-]?\d+)\s*,\s*(?:"([^"]*)"|([^";]*))\s*')  # some write semicolons into the text
 
 
 class ScpiLink:
-    """One instrument. terminator: of its answers; end: of our messages; byte_s: of a character on the line, s.
+    """One instrument. byte_s: of a character on the line, s. in_doubt: the next question brings the line in step first.
 
-    abort: the character that makes it drop what it does; clear_s: how long that takes before it listens again, s.
-    wake: a message that it needs before any other. answer_s: for answers that take no measurement, s.
-    after_resynchronisation is called when the line is in step again, for the driver to look at what the
-    instrument still remembers.
+    after_resynchronisation: called when the line is in step again, so that the driver checks what the instrument still
+    remembers. TERMINATOR: of its answers; END: of our messages; ABORT: the character that makes it drop its work;
+    CLEAR_S: how long that takes before it listens again, s. WAKE: a message that it needs before any other. ANSWER_S:
+    until an answer begins that takes no measurement; meters answer within 50 ms.
     """
+
+    TERMINATOR: ClassVar[bytes] = b"\n"
+    END: ClassVar[bytes] = b"\r"
+    ABORT: ClassVar[bytes] = b"\x18"
+    CLEAR_S: ClassVar[float] = 0.0
+    WAKE: bytes = b""
+    ANSWER_S: ClassVar[float] = 0.5
 
     def __init__(
         self,
         transport: Transport,
         *,
-        terminator: bytes = b"\n",
-        end: bytes = b"\r",
-        abort: bytes = b"\x18",
-        clear_s: float = 0.0,
-        wake: bytes = b"",
         byte_s: float,
-        answer_s: float = ANSWER_S,
         first_token: int | None = None,
         after_resynchronisation: Callable[[], None] | None = None,
     ) -> None:
         self.transport = transport
-        self._terminator, self._end = terminator, end
-        self._abort, self._clear_s, self._wake = abort, clear_s, wake
-        self._byte_s, self._answer_s = byte_s, answer_s + LONGEST_ANSWER * byte_s
+        self._byte_s, self._answer_s = byte_s, self.ANSWER_S + LONGEST_ANSWER * byte_s
         self._token = random.randrange(1, 256) if first_token is None else first_token
         self._expected = b""
-        self._in_doubt = True
+        self.in_doubt = True
         self._pending = False
         self._deadline_s = 0.0
         self._after_resynchronisation = after_resynchronisation
         self.arrived_s = 0.0
         self.errors: list[tuple[int, str]] = []
 
-    @property
-    def in_doubt(self) -> bool:
-        """Whether the next question has to bring the line in step first."""
-        return self._in_doubt
-
     def doubt(self) -> None:
-        """Something was wrong with an answer: resynchronise before the next question."""
-        self._in_doubt = True
+        """Resynchronise before the next question, because something was wrong with an answer."""
+        self.in_doubt = True
 
     def forget(self) -> None:
-        """Nobody waits for the answer of a question that is under way; the next question brings the line in step."""
+        """Give up on the answer that is under way; the next question brings the line in step."""
         self._pending = False  # in doubt it has been since that question was sent
 
     def start(self, message: str, answer_s: float | None = None, trials: int = RESYNCHRONISATIONS) -> None:
-        """Send a message with a question; `finish` brings the answer within `answer_s` from now.
+        """Send a message with a question, whose answer `finish` returns within `answer_s` from now.
 
-        trials: to bring the line in step first, where it is in doubt.
+        trials: to bring the line in step first, if it is in doubt.
         """
         if self._pending:
             self._pending = False
-            self._in_doubt = True
+            self.in_doubt = True
             raise OutOfStep("a question is asked while another waits for its answer")
-        if self._in_doubt or self._uncalled():
+        if self.in_doubt or self._has_unasked():
             self.resynchronise(trials)
         extra_s = LONGEST_ANSWER * self._byte_s
         self._send(message, self._answer_s if answer_s is None else answer_s + extra_s)
 
     def finish(self) -> str:
-        """The answer, proven to belong to the question. TimedOut, Corrupt, OutOfStep, Disconnected."""
+        """Return the answer, proven to belong to the question. TimedOut, Corrupt, OutOfStep, Disconnected."""
         if not self._pending:
             raise OutOfStep("there is no question to be answered")
         self._pending = False
@@ -106,12 +100,12 @@ class ScpiLink:
         if token != self._expected and not _is_token(token, self._expected):
             if not token.strip().isdigit() or not answer:
                 raise Corrupt(f"{line!r} is no answer")
-            raise OutOfStep(f"answer with token {token!r} where {self._expected!r} was left: {line!r}")
-        self._in_doubt = False
+            raise OutOfStep(f"the answer has token {token!r}, and the message before left {self._expected!r}: {line!r}")
+        self.in_doubt = False
         return answer.decode("latin-1")
 
     def ask(self, message: str, answer_s: float | None = None) -> str:
-        """Question and answer. Refused, from the error queue, where the instrument gave none."""
+        """Return the answer to a question. Refused, from the error queue, if the instrument gave none."""
         try:
             self.start(message, answer_s)
             return self.finish()
@@ -120,63 +114,77 @@ class ScpiLink:
             raise
 
     def answers(self, message: str, count: int) -> list[str]:
-        """Answers to several questions of one message. Corrupt where they are not as many as that."""
+        """Return the answers to several questions of one message. Corrupt if they are not `count`."""
         answers = self.ask(message).split(";")
         if len(answers) != count:
             self.doubt()
             raise Corrupt(f"{answers} are not {count} answers to {message}")
         return answers
 
-    def shout(self, message: str) -> None:
-        """Send a line at once, whatever the instrument is doing; nobody waits for it."""
+    def twice(self, *questions: str) -> list[str]:
+        """Return answers that the instrument gives twice in one line, a token between; Corrupt if they differ.
+
+        A stale pair before the token of a question that did not arrive whole is none.
+        """
+        message, count = ";".join(questions), len(questions)
+        for _ in range(TRIALS):
+            answers = self.answers(f"{message};*ESE?;{message}", 2 * count + 1)
+            first, token, second = answers[:count], answers[count], answers[count + 1 :]
+            if first == second and self.is_token(token):
+                return first
         self.doubt()
-        self.transport.send(self._end + message.encode("ascii") + self._end)
+        raise Corrupt(f"{first}, {token!r}, {second} are not twice the same about a token")
+
+    def shout(self, message: str) -> None:
+        """Send a line at once, whatever the instrument is doing, and wait for no answer."""
+        self.doubt()
+        self.transport.send(self.END + message.encode("ascii") + self.END)
 
     def explain_silence(self, message: str) -> None:
-        """After an answer that did not come: Refused, where the error queue says why."""
+        """Raise Refused if the error queue says why an answer did not come."""
         self.resynchronise()
         if self.errors:
             raise Refused(self.errors[0][0], f"{self.errors[0][1]}: {message}") from None
 
     def command(self, message: str) -> None:
-        """Send what has no answer, and see whether it was taken: Refused with the first error."""
+        """Send a command, and raise Refused with the first error in the queue."""
         answer = self.ask(message + ";:SYST:ERR?")
         code, text = _error(answer)
         if code:
             raise Refused(code, f"{text}: {message}")
 
     def ask_alone(self, message: str) -> str:
-        """A question that must stand alone in its message (*IDN?); resynchronises before and after."""
+        """Return the answer to a question that must stand alone (*IDN?); resynchronise before and after."""
         self.resynchronise()
-        self._in_doubt = True
-        self.transport.send(message.encode("ascii") + self._end)
+        self.in_doubt = True
+        self.transport.send(message.encode("ascii") + self.END)
         deadline_s = self.transport.clock.now_s() + self._answer_s
-        answer = self.transport.receive_line(self._terminator, deadline_s).decode("latin-1").strip()
+        answer = self.transport.receive_line(self.TERMINATOR, deadline_s).decode("latin-1").strip()
         self.resynchronise()
         return answer
 
     def is_token(self, text: str) -> bool:
-        """Whether this is the token of the last answer, where a question asks for it in between too."""
+        """Return True if this is the token of the last answer, for a question that asks for it in between, too."""
         return _is_token(text.strip().encode("latin-1"), self._expected)
 
     def _next_token(self) -> int:
-        """What comes behind the last token, not 0: that is what an instrument that has restarted holds."""
+        """Return the next token; not 0, which an instrument that has restarted holds."""
         return self._token % 255 + 1
 
-    def _uncalled(self) -> bool:
-        """Whether bytes are there that nobody has asked for."""
+    def _has_unasked(self) -> bool:
+        """Return True if bytes have come unasked."""
         return self.transport.has_more
 
     def _receive_answer(self, deadline_s: float) -> bytes:
-        """What came for the message that was sent, in one line."""
-        return self.transport.receive_line(self._terminator, deadline_s)
+        """Return the answers to the message that was sent, in one line."""
+        return self.transport.receive_line(self.TERMINATOR, deadline_s)
 
     def _send(self, message: str, answer_s: float) -> None:
         # in doubt until the answer is here, whatever interrupts us
-        self._in_doubt = True
+        self.in_doubt = True
         self._expected = b"%d" % self._token
         self._token = self._next_token()
-        data = f"{message};*ESE?;*ESE {self._token}".encode("ascii") + self._end
+        data = f"{message};*ESE?;*ESE {self._token}".encode("ascii") + self.END
         transport = self.transport
         transport.send(data)
         now_s = transport.clock.now_s()
@@ -189,12 +197,12 @@ class ScpiLink:
         try:
             self._resynchronise(trials)
         except BaseException:
-            self._in_doubt = True  # perhaps in step, but nobody knows what the instrument is set to
+            self.in_doubt = True  # perhaps in step, but the settings of the instrument are not known
             raise
 
     def _resynchronise(self, trials: int) -> None:
         self._pending = False
-        self._in_doubt = True
+        self.in_doubt = True
         problem: InstrumentError | None = None
         for attempt in range(trials):
             try:
@@ -223,28 +231,28 @@ class ScpiLink:
         token = self._token = self._next_token()
         transport = self.transport
         transport.drain()
-        if self._clear_s:
-            transport.send(self._abort)
-            transport.clock.sleep_until_s(transport.clock.now_s() + self._clear_s)
+        if self.CLEAR_S:
+            transport.send(self.ABORT)
+            transport.clock.sleep_until_s(transport.clock.now_s() + self.CLEAR_S)
             transport.drain()
-        opening = (b"" if self._clear_s else self._abort) + self._end
-        if self._wake:
-            opening += self._wake + self._end
-        data = opening + b"*ESE %d;*ESE?" % token + self._end
+        opening = (b"" if self.CLEAR_S else self.ABORT) + self.END
+        if self.WAKE:
+            opening += self.WAKE + self.END
+        data = opening + b"*ESE %d;*ESE?" % token + self.END
         transport.send(data)
         deadline_s = transport.clock.now_s() + self._answer_s
-        while not _is_token(transport.receive_line(self._terminator, deadline_s), b"%d" % token):
+        while not _is_token(transport.receive_line(self.TERMINATOR, deadline_s), b"%d" % token):
             pass
 
 
 def _is_token(text: bytes, expected: bytes) -> bool:
-    """Whether `text` is the number `expected`; some instruments write a sign."""
+    """Return True if `text` is the number `expected`; some instruments write a sign."""
     found = TOKEN.fullmatch(text)
     return found is not None and found[1] == expected
 
 
 def _error(answer: str) -> tuple[int, str]:
-    """An entry of the error queue, with or without quotes; (0, ...) where it is empty."""
+    """Return number and text of an entry of the error queue, with or without quotes; 0 if it is empty."""
     found = ERROR.fullmatch(answer)
     if found is None:
         raise Corrupt(f"{answer!r} is no entry of an error queue")

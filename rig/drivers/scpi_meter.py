@@ -1,28 +1,29 @@
-"""What SCPI meters have in common: resistance ranges by test current, a voltage range, a reading that is given twice.
+"""A SCPI meter: resistance ranges by test current, a voltage range, a reading that is asked for twice.
 
-The instrument's own autorange would pick the test current by itself; here the driver picks the range, so
-that the test current never exceeds what was allowed and is known for every reading. A reading asks for its
-value twice: where there is no checksum, repetition has to do, and a flipped digit is no wrong number.
+The instrument's own autorange would pick the test current by itself; here the driver picks the range, so that the test
+current never exceeds what was allowed and is known for every reading. A reading asks for its value twice: without a
+checksum, repetition has to do, so that a flipped digit is no wrong number.
 
-Residual: a corruption that changes both copies alike, and leaves the token as it is. For bursts shorter than the
-distance of the copies (a dozen characters) two of them are needed, with the same change at the same place: for random
-bursts at a share p of the answers, less than p^2 / 16 / 256, 16 for the place and 256 for the new character.
+Residual: a corruption that changes both copies alike, and leaves the token as it is. A burst shorter than the distance
+of the copies (a dozen characters) would have to come twice, with the same change at the same place: for random bursts
+at a share p of the answers, less than p^2 / 16 / 256, 16 for the place and 256 for the new character.
+
+Its filter: Model 2000 User's Manual rev J chapter 5, 2400 series manual chapter 18, Model 2450 reference manual section
+6, SENSe subsystem, AVERage.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from math import isfinite, isnan, nan
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.core.reading import Quality, Reading
-from rig.drivers.asked_again import asked_again
-from rig.drivers.averaging import Averaging
-from rig.drivers.confirmed import confirmed
-from rig.drivers.identity import Identity
-from rig.drivers.meter import LINE_PERIOD_S, LOG_RESISTANCE, resistance_reading, voltage_reading
+from rig.drivers.identity import Identity, retry_once
+from rig.drivers.meter import LINE_PERIOD_S, LOG_RESISTANCE, Averaging, Meter, resistance_reading, voltage_reading
 from rig.drivers.scpi import ScpiLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
@@ -33,20 +34,25 @@ COMMAND_S = 0.002  # from the terminator to the beginning of the integration, no
 APERTURES, MARGIN_S = 4.0, 0.3  # an answer may take as many integrations (auto-zero adds some), and the rest
 OFF_ATTEMPTS = 3
 BEYOND = re.compile(r"[+-]?9\.9\d*[Ee]\+?37")  # 9.9E37 and 9.91E37 with as many digits as an instrument likes
+Expected = float | str | Callable[[str], bool]  # answer to a question for a setting
 
 
-class ScpiMeter:
-    """See `rig.drivers.meter.Meter`. A meter says in class attributes and hooks how it is spoken to.
+class ScpiMeter(Meter):
+    """A `rig.drivers.meter.Meter`; the class attributes and hooks of each meter say how to speak to it.
 
-    line: settings that the port was opened with. test_currents_A: full scale, ohm -> test current, A.
-    first_range_ohm: where ranging begins. What is None is as the class says: LINK, how it is spoken to; OVERRANGE: of
-    full scale, what a range still shows; VOLTS: its name for DC volts; READ: the two questions of a reading; NUMBER:
-    how a reading is written; AVERAGE: header of its filter, with its {function}; empty: it has none.
+    line: settings that the port was opened with. test_currents_A: full scale, ohm -> test current, A. first_range_ohm:
+    where ranging begins. None: as the class says.
+
+    LINK: how it is spoken to. MAKERS, MODELS: one of each is in the identity. NPLCS: least and largest integration
+    time. OVERRANGE: share of full scale that a range still shows. VOLTS: its name for DC volts. READ: the two questions
+    of a reading. NUMBER: form of a reading. AVERAGE: header of its filter, with its {function}; empty if it has none.
     """
 
     LINE: ClassVar[LineSettings]
-    LINK: ClassVar[Mapping[str, Any]] = {}
+    LINK: ClassVar[type[ScpiLink]] = ScpiLink
     NAME: ClassVar[str]
+    MAKERS: ClassVar[tuple[str, ...]] = ("KEITHLEY",)
+    MODELS: ClassVar[tuple[str, ...]]
     TEST_CURRENTS_A: ClassVar[Mapping[float, float]]
     FIRST_RANGE_OHM: ClassVar[float] = 1e5
     VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.1, 1.0, 10.0, 100.0, 1000.0)
@@ -68,12 +74,11 @@ class ScpiMeter:
         first_token: int | None = None,
     ) -> None:
         self.transport = transport
-        self.link = ScpiLink(
+        self.link = self.LINK(
             transport,
             byte_s=(self.LINE if line is None else line).byte_s,
             first_token=first_token,
-            after_resynchronisation=self._look_after_doubt,
-            **self.LINK,
+            after_resynchronisation=self._check_after_doubt,
         )
         if first_range_ohm is not None and first_range_ohm <= 0.0:
             raise ValueError(f"first_range_ohm {first_range_ohm}: more than 0 is expected")
@@ -81,9 +86,8 @@ class ScpiMeter:
         self._test_currents_A = dict(sorted(currents_A.items()))
         self._first_range_ohm = self.FIRST_RANGE_OHM if first_range_ohm is None else first_range_ohm
         self._reads_volts = False
-        self._ranges: list[float] = []
-        self._index = 0
-        self._chosen = 0
+        self._ranges: list[float] = []  # full scales that may be used, ohm or V; empty before `configure`
+        self._index = self._chosen = 0  # of the last reading's range, and of the next one's
         self._function = ""
         self._four_wire = True
         self._nplc = nan
@@ -91,18 +95,14 @@ class ScpiMeter:
         self.most_test_current_A = nan  # that `configure` allowed
         self.test_current_on_s = nan  # since when that of the range in use has been on
         self._message = ""
-        self._settling = False
-        self._looking = False
-        self._rests = False
+        self._settling = False  # the range changes with this reading
+        self._checking = False
+        self._rests = False  # without a test current, until the next reading
 
-    # ---- what a meter says of itself ------------------------------------------------------------
-
-    def _is_mine(self, maker: str, model: str) -> bool:
-        """Whether `*IDN?` names an instrument of this driver's family."""
-        raise NotImplementedError
+    # ---- hooks ----------------------------------------------------------------------------------
 
     def _check_nplc(self, nplc: float) -> None:
-        """ValueError where the meter has no such integration time."""
+        """Raise ValueError for an integration time that the meter does not have."""
         if not 0.01 <= nplc <= 10.0:
             raise ValueError(f"{nplc} power line cycles: 0.01 to 10 is expected")
 
@@ -110,67 +110,56 @@ class ScpiMeter:
         return "FRES" if four_wire else "RES"
 
     def _setting_messages(self) -> list[str]:
-        """Commands that bring all settings about, the range among them."""
+        """Return the commands for all settings, the range included."""
         raise NotImplementedError
 
-    def _settings_message(self) -> str:
-        """A question for all settings."""
+    def _expected_settings(self) -> list[tuple[str, Expected]]:
+        """Return a question for each setting, and the answer that is expected."""
         sense = self.SENSE + self._function
-        return f"{self.SENSE}FUNC?;{sense}:NPLC?;{sense}:RANG:AUTO?;{sense}:RANG?"
-
-    def _as_configured(self, settings: list[str]) -> bool:
-        """Whether the answers to `_settings_message` are what is configured."""
-        if len(settings) != 4:
-            return False
-        function, nplc, automatic, full_scale = settings
-        return (
-            function.strip("\"'") == self._function
-            and is_number(nplc, self._nplc)
-            and is_number(automatic, 0.0)
-            and is_number(full_scale, self._ranges[self._index])
-        )
+        return [
+            (f"{self.SENSE}FUNC?", self._function),
+            (f"{sense}:NPLC?", self._nplc),
+            (f"{sense}:RANG:AUTO?", 0.0),
+            (f"{sense}:RANG?", self._ranges[self._index]),
+        ]
 
     def _rest(self) -> bool:
-        """Stop the test current; whether the meter says that it has stopped. By default: read volts."""
+        """Stop the test current and return True if the meter says that it has stopped. By default: read volts."""
         volts = f"{self.SENSE}FUNC {self.QUOTE}{self.VOLTS}{self.QUOTE};{self.SENSE}FUNC?"
         return self.link.ask(volts).strip("\"'").startswith("VOLT")
 
-    def _range_text(self, index: int) -> str:
-        full_scale = self._ranges[index]
-        return f"{full_scale:.0f}" if full_scale >= 1.0 else f"{full_scale:g}"
-
     def _value(self, text: str) -> float:
-        """The number in a reading's text. Corrupt where it is none; beyond the range is one, however it is written."""
+        """Return the number in a reading's text; beyond the range is one, however it is written. Corrupt."""
         if self.NUMBER.fullmatch(text) is None and BEYOND.fullmatch(text) is None:
             raise Corrupt(f"{text!r} is no reading")
         return float(text)
 
-    # ---- what the rig asks for ------------------------------------------------------------------
+    # ---- the meter's protocol -------------------------------------------------------------------
 
     @property
     def output(self) -> str:
-        """Readings are resistances, in ohm, unless `configure_voltage` was called."""
+        """See `Meter`: resistances, in ohm, unless `configure_voltage` was called."""
         return "voltage_V" if self._reads_volts else LOG_RESISTANCE
 
     @property
     def test_current_A(self) -> float:
-        """Of the range that the last reading was taken in, A; none flows for volts; nan before `configure`."""
+        """Return the test current of the last reading's range, A; none flows for volts; nan before `configure`."""
         if not self._ranges:
             return nan
         return 0.0 if self._reads_volts else self._test_currents_A[self._ranges[self._index]]
 
     @property
     def full_scale(self) -> float:
-        """Full scale of that range, ohm or V."""
+        """Return the full scale of that range, ohm or V."""
         return self._ranges[self._index] if self._ranges else nan
 
     @property
     def in_highest_range(self) -> bool:
-        """Whether that is the highest range that may be used, so that what is beyond it is beyond all of them."""
+        """Return True if that is the highest range that may be used: a value beyond it is beyond all of them."""
         return self._index == len(self._ranges) - 1
 
     def steady_test_current_A(self, least_ohm: float, largest_ohm: float, most_A: float) -> float:
-        """The largest test current (A), up to most_A, with which all resistances between these are read; nan: none."""
+        """Return the largest test current up to most_A that reads all resistances between these, A; nan for none."""
         allowed_A = {ohm: current_A for ohm, current_A in self._test_currents_A.items() if current_A <= most_A}
         first = next((ohm for ohm in allowed_A if largest_ohm <= RANGE_UP * ohm), nan)
         if self._reads_volts or isnan(first):
@@ -178,19 +167,19 @@ class ScpiMeter:
         lowest = min(ohm for ohm, current_A in allowed_A.items() if current_A <= allowed_A[first])
         return allowed_A[first] if lowest <= RESOLVED * least_ohm else nan
 
-    @asked_again
+    @retry_once
     def identify(self) -> Identity:
-        """`*IDN?`; Refused where it is another instrument."""
-        maker, model, serial_number, firmware = (
-            part.strip() for part in (self.link.ask_alone("*IDN?") + ",,,").split(",")[:4]
-        )
-        if not self._is_mine(maker.upper(), model):
+        """Ask `*IDN?`; Refused if it is another instrument."""
+        found = Identity.of_idn(self.link.ask_alone("*IDN?"))
+        maker, model = found.maker.upper(), found.model
+        if not (any(one in maker for one in self.MAKERS) and any(one in model for one in self.MODELS)):
             raise Refused(None, f"{maker!r} {model!r} is no {self.NAME}")
-        return Identity(self.NAME.split()[0], model.removeprefix("MODEL").strip(), serial_number, firmware)
+        model = model.removeprefix("MODEL").strip()
+        return Identity(self.NAME.split()[0], model, found.serial_number, found.firmware)
 
-    @asked_again
+    @retry_once
     def configure(self, four_wire: bool, nplc: float, max_test_current_A: float) -> None:
-        """Function, integration time, ranges whose test current is allowed; Refused if it reads back else."""
+        """Set function, integration time, and ranges whose test current is allowed; Refused if it reads back else."""
         self._check_nplc(nplc)
         allowed = [ohm for ohm, current_A in self._test_currents_A.items() if current_A <= max_test_current_A]
         if not allowed:
@@ -200,15 +189,14 @@ class ScpiMeter:
         self._configure(self._function_for(four_wire), four_wire, nplc, allowed, nearest)
         self.most_test_current_A = max_test_current_A
 
-    @asked_again
+    @retry_once
     def configure_voltage(self, nplc: float, range_V: float, four_wire: bool = False) -> None:
-        """DC volts in the lowest range that has `range_V`, which is kept; no test current. ValueError, Refused."""
+        """Set DC volts in the lowest range that has `range_V`, and keep it; no test current. ValueError, Refused."""
         self._check_nplc(nplc)
         full_V = next((full for full in self.VOLTAGE_RANGES_V if range_V <= full), nan)
         if not (range_V > 0.0 and isfinite(full_V)):
-            raise ValueError(
-                f"a range of {range_V} V: more than 0 and at most {self.VOLTAGE_RANGES_V[-1]:g} is expected"
-            )
+            most_V = self.VOLTAGE_RANGES_V[-1]
+            raise ValueError(f"a range of {range_V} V: more than 0 and at most {most_V:g} is expected")
         self._configure(self.VOLTS, four_wire, nplc, [full_V], full_V)
 
     def _configure(self, function: str, four_wire: bool, nplc: float, ranges: list[float], first: float) -> None:
@@ -225,23 +213,22 @@ class ScpiMeter:
             self._ranges = []  # half configured is not configured
             raise
 
-    @asked_again
+    @retry_once
     def average(self, averaging: Averaging) -> None:
-        """Every reading is from now on such a mean. Refused where the meter has no filter for that, or reads back
-        another: readings are single ones then."""
+        """Let every reading be such a mean from now on.
+
+        Refused if the meter has no filter for that, or reads back another: readings are single ones then.
+        """
         self.averaging = Averaging()
         if not self.AVERAGE:
             raise Refused(None, f"{self.NAME}: it has no filter that averages")
         if not self._ranges:
             raise Refused(None, f"{self.NAME}: it is not configured yet")
-        averaging.apply(self.link, self._filter())
+        set_filter(self.link, self._filter(), averaging.count)
         self.averaging = averaging
 
-    def _filter(self) -> str:
-        return self.AVERAGE.format(function=self._function)
-
     def start_reading(self) -> None:
-        """Begin a reading; where the last one asked for another range, change it first."""
+        """Begin a reading; if the last one asked for another range, change it first."""
         if not self._ranges:
             raise Refused(None, "the meter is not configured yet")
         if self._rests:
@@ -256,7 +243,7 @@ class ScpiMeter:
         self._index = self._chosen
 
     def finish_reading(self) -> Reading:
-        """The reading that was begun, ohm or V; `time_s` is the middle of the integration, or of all of them."""
+        """Return the reading that was begun, ohm or V; `time_s` is the middle of the integration, or of all of them."""
         time_s = self.link.arrived_s + COMMAND_S + self.averaging.middle_s(self._nplc * LINE_PERIOD_S)
         *before, first, second = ("", *self.link.finish().split(";"))
         try:
@@ -279,22 +266,23 @@ class ScpiMeter:
             return Reading(reading.value, time_s, Quality.SETTLING)
         return reading
 
-    def read(self) -> Reading:
-        """Begin a reading and wait for it, ohm or V."""
-        self.start_reading()
-        return self.finish_reading()
-
     def off(self) -> bool:
-        """Stop the test current until the next reading; True only if the meter reads back that it has. Never raises."""
+        """Stop the test current until the next reading; return True only if that reads back. Never raises."""
         self._rests = True
         self.link.forget()
-        return confirmed(lambda _: self._rest(), OFF_ATTEMPTS, self.link.doubt)
-
-    def close(self) -> None:
-        """Let go of the port."""
-        self.transport.close()
+        for _ in range(OFF_ATTEMPTS):
+            try:
+                if self._rest():
+                    return True
+            except Exception:  # whatever it was, the next attempt matters more
+                self.link.doubt()
+        return False
 
     # ---- ranges and settings --------------------------------------------------------------------
+
+    def _range_text(self, index: int) -> str:
+        full_scale = self._ranges[index]
+        return f"{full_scale:.0f}" if full_scale >= 1.0 else f"{full_scale:g}"
 
     def _choose_next_range(self, reading: Reading) -> None:
         index = self._index
@@ -315,31 +303,71 @@ class ScpiMeter:
         for message in self._setting_messages():
             self.link.command(message)
         self._index = self._chosen
-        settings = self._settings()
-        if not self._as_configured(settings):
+        settings = self._ask_settings()
+        if not self._as_expected(settings):
             raise Refused(None, f"the meter reads back {settings}")
         if self.averaging.count > 1:
-            self.averaging.apply(self.link, self._filter())
+            set_filter(self.link, self._filter(), self.averaging.count)
 
-    def _settings(self) -> list[str]:
-        return self.link.ask(self._settings_message()).split(";")
+    def _ask_settings(self) -> list[str]:
+        return self.link.ask(";".join(question for question, _ in self._expected_settings())).split(";")
 
-    def _look_after_doubt(self) -> None:
-        """A meter that was switched off in between has forgotten its settings: give them again."""
-        if not self._ranges or self._looking or self._rests:
+    def _as_expected(self, settings: list[str]) -> bool:
+        expected = self._expected_settings()
+        return len(settings) == len(expected) and all(
+            _agrees(text, value) for text, (_, value) in zip(settings, expected, strict=True)
+        )
+
+    def _filter(self) -> str:
+        return self.AVERAGE.format(function=self._function)
+
+    def _check_after_doubt(self) -> None:
+        """Give the settings again to a meter that was switched off in between and has forgotten them."""
+        if not self._ranges or self._checking or self._rests:
             return
-        self._looking = True
+        self._checking = True
         try:
-            if not self._as_configured(self._settings()):
+            if not self._as_expected(self._ask_settings()):
                 self._apply()
         finally:
-            self._looking = False
+            self._checking = False
 
 
 def is_number(text: str, value: float) -> bool:
-    """Whether `text` is the number `value`, to the digits in which instruments answer."""
+    """Return True if `text` is the number `value`, to the digits in which instruments answer."""
     try:
         number = float(text)
     except ValueError:
         return False
     return isfinite(number) and abs(number - value) <= 1e-3 * abs(value) + 1e-9
+
+
+def _agrees(text: str, expected: Expected) -> bool:
+    if isinstance(expected, str):
+        return text.strip("\"'") == expected
+    return expected(text) if callable(expected) else is_number(text, expected)
+
+
+def set_filter(link: ScpiLink, header: str, count: int) -> None:
+    """Set the filter whose header that is, and read it back.
+
+    Refused if that is something else: the filter is switched off then, as far as the meter obeys.
+    """
+    if count == 1:
+        link.command(f"{header}:STAT OFF")
+        answers, expected = link.answers(f"{header}:STAT?", 1), ["0"]
+    else:
+        link.command(f"{header}:TCON REP;{header}:COUN {count};{header}:STAT ON")
+        answers = link.answers(f"{header}:TCON?;{header}:COUN?;{header}:STAT?", 3)
+        expected = ["REP", f"{count}", "1"]
+    answers = [answer.strip().lstrip("+").upper() for answer in answers]
+    try:
+        numbers = [f"{float(answer):.0f}" for answer in answers[1:]]
+    except ValueError:
+        link.doubt()
+        raise Corrupt(f"{answers} is not how a filter is set") from None
+    if not answers[0].startswith(expected[0]) or numbers != expected[1:]:
+        if count > 1:
+            with suppress(Refused):
+                set_filter(link, header, 1)
+        raise Refused(None, f"the meter's filter reads back {answers}, {expected} is expected")

@@ -2,48 +2,161 @@
 
 Source: the board's public firmware, TCLab-sketch 1.4.0 and 2.0.1 (older ones take whole percents only and are Refused).
 
-A heater takes a drive and cannot cool (`rig.drivers.heater_drive`): 1 is 100 % of the heater's power limit, `full_pwm`
-of 255. The board truncates to whole steps of 1/255 of the supply, so that with the usual 200 the drive has 200 steps.
-It has no regulation, so no setpoints, and no limits of its own: beyond 50 degC its LED blinks, that is all.
+A heater takes a drive and cannot cool: 1 is 100 % of the heater's power limit, `full_pwm` of 255. The board truncates
+to whole steps of 1/255 of the supply, so that with the usual 200 the drive has 200 steps. It has no regulation, so no
+setpoints, and no limits of its own: beyond 50 degC its LED blinks, that is all.
 
-Its dead man: none. The text at the head of the firmware says that the heaters are shut down when no command comes for
-a while; the code did so after 300 s in 2017 (0.03), and from 1.1.0 on it does not. What it does do: an unknown command,
-such as a garbled one, switches both heaters off.
+It has no dead man. The text at the head of the firmware says that the heaters are shut down when no command comes for a
+while; the code did so after 300 s in 2017 (0.03), and from 1.1.0 on it does not. But an unknown command, such as a
+garbled one, switches both heaters off.
+
+A command is a line, and so is its reply; nothing in a reply names its command, there is no checksum, and the board
+obeys in order. A fence closes every group of commands: the power limit of the heater that is not in use (P2 for heater
+1) is set to a number that counts up, and the board answers with it. If every command has had one line, and the fence
+its own, none of them was an older one's. The number stays between 0.01 and 100.00, which is never above the board's own
+default, and comes again after 9999 others. After anything unexpected the line is in doubt: an end of line, which closes
+what may lie half-sent, then fences until one comes back. Residual: a reply lost and another doubled in the same group.
 
 A reading is the middle one of three conversions (0.32 K each on 1.4.0, the mean of ten of them from 1.6.0), which have
-to be within `agreement_K` of each other; otherwise three more are made. Residual: all three hurt alike. What was set is
-read back (R1, R2); that is the board's memory of what it was told, there is no ammeter. How the replies are proven:
-`rig.drivers.tclab_link`.
+to be within `agreement_K` of each other; otherwise three more are made. Residual: all three hurt alike. A setting is
+read back (R1, R2) from the board's memory; there is no ammeter.
+
+Opening the port restarts an Arduino Uno (not a Leonardo): its heaters are off then, and it listens `boot_s` later. Only
+the first exchange waits for that. A port that is opened anew in mid-run is not waited for: a STOP may be behind that
+exchange, and a board that has restarted ends the run anyway.
 """
 
 from __future__ import annotations
 
+import random
 import re
 from math import nan
 from typing import ClassVar
 
-from rig.core.errors import Corrupt, Refused
+from rig.core.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, Refused
 from rig.core.reading import Quality, Reading
-from rig.drivers.asked_again import asked_again
-from rig.drivers.confirmed import OFF_S, confirmed_off
-from rig.drivers.controller import Status
-from rig.drivers.heater_drive import HeaterDrive
-from rig.drivers.identity import Identity
-from rig.drivers.tclab_link import TcLabLink
+from rig.drivers.controller import DRIVES, OF_FULL_DRIVE, OFF_S, Status, TemperatureController, confirmed_off
+from rig.drivers.identity import Identity, retry_once
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
+END = b"\n"
+REPLY_END = b"\r\n"
+LONGEST_GROUP = 60  # bytes; the Arduino holds 64 that it has not read yet
+LARGEST_TOKEN = 10000  # hundredths
+RESYNCHRONISATIONS = 3
+LONGEST_REPLY = 40  # characters
+STALE_LINES = 64  # that may come before a fence, when the line is in doubt
 TRIALS = 3  # one answer may be hurt, and its repetition by the same disturbance
 VERSION = re.compile(r"TCLab Firmware (?:Version )?(\d+)\.(\d+)\.?(\S*)\s*(.*)", re.IGNORECASE)
 OLDEST = (1, 4)  # of firmware: those before take whole percents only
 NUMBER = re.compile(r"-?\d{1,3}\.\d{2,3}")
 RESOLUTION_PERCENT = 0.006  # replies have two decimals or three
 LOWEST_DEGC, HIGHEST_DEGC = -40.0, 150.0  # of its thermometers, TMP36; beyond it is an open input
-LONGEST_BOOT_S = 10.0  # an Arduino needs two seconds; `peltier off` waits for it where nobody answers
+LONGEST_BOOT_S = 10.0  # an Arduino needs two seconds; `peltier off` waits for it if no answer comes
 FIRMWARE_PWM = 200  # its default for heater 1
 
 
-class TcLabController(HeaterDrive):
+class TcLabLink:
+    """The line of one board. fence: the command whose number fences. byte_s: of a character on the line, s.
+
+    answer_s: until a group's last reply, beyond the time on the wire.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        fence: str,
+        byte_s: float,
+        boot_s: float,
+        answer_s: float = 0.25,
+        first_token: int | None = None,
+    ) -> None:
+        self.transport = transport
+        self._fence = fence
+        self._byte_s, self._answer_s = byte_s, answer_s
+        self._token = random.randrange(1, LARGEST_TOKEN + 1) if first_token is None else first_token
+        self.listens_s = transport.clock.now_s() + boot_s  # the past, once it has answered
+        self.in_doubt = True
+        self.sent_s = 0.0  # when the last group was sent
+        self.resynchronised = 0
+
+    def doubt(self) -> None:
+        """Resynchronise first, because something was wrong with a reply."""
+        self.in_doubt = True
+
+    def ask(self, *commands: str) -> list[str]:
+        """Return the replies to some commands, proven by a fence. TimedOut, Corrupt, OutOfStep, Disconnected."""
+        transport = self.transport
+        if self.in_doubt or transport.has_more:
+            self.resynchronise()
+        self.in_doubt = True
+        expected = self._next_token()
+        data = "\n".join((*commands, f"{self._fence} {expected}\n")).encode("ascii")
+        if len(data) > LONGEST_GROUP:
+            raise ValueError(f"{data!r} does not fit into the board's {LONGEST_GROUP} bytes")
+        transport.send(data)
+        self.sent_s = transport.clock.now_s()
+        characters = len(data) + LONGEST_REPLY * (len(commands) + 1)
+        deadline_s = self.sent_s + self._answer_s + characters * self._byte_s
+        *replies, fence = [self._line(deadline_s) for _ in range(len(commands) + 1)]
+        if fence != expected:
+            raise OutOfStep(f"{fence!r} came back where {expected!r} was expected: replies are out of step")
+        if transport.has_more:
+            raise OutOfStep("there were more replies than commands")
+        self.in_doubt = False
+        return replies
+
+    def shout(self, command: str) -> None:
+        """Send a command at once, whatever the line is doing, and wait for no reply."""
+        self.in_doubt = True
+        self.transport.send(END + command.encode("ascii") + END)
+
+    def resynchronise(self, trials: int = RESYNCHRONISATIONS, *, boots: bool = True) -> None:
+        """Send fences until one comes back; open a port whose device was gone anew. InstrumentError.
+
+        boots: whether a board that was opened just now is given the time until it listens.
+        """
+        self.in_doubt = True
+        if boots:
+            self.transport.clock.sleep_until_s(self.listens_s)
+        problem: InstrumentError | None = None
+        for _ in range(trials):
+            try:
+                if isinstance(problem, Disconnected):
+                    self.transport.reopen()
+                self._await_fence()
+            except InstrumentError as error:
+                problem = error
+            else:
+                self.in_doubt = False
+                self.listens_s = self.transport.clock.now_s()
+                self.resynchronised += 1
+                return
+        raise problem or OutOfStep("the line cannot be brought in step")
+
+    def _await_fence(self) -> None:
+        transport = self.transport
+        transport.drain()
+        expected = self._next_token()
+        data = END + f"{self._fence} {expected}\n".encode("ascii")
+        transport.send(data)
+        deadline_s = transport.clock.now_s() + self._answer_s + (len(data) + LONGEST_REPLY) * self._byte_s
+        for _ in range(STALE_LINES):
+            if self._line(deadline_s) == expected:
+                return
+        raise OutOfStep("the line cannot be brought in step")
+
+    def _line(self, deadline_s: float) -> str:
+        return self.transport.receive_line(REPLY_END, deadline_s).decode("latin-1")
+
+    def _next_token(self) -> str:
+        self._token = self._token % LARGEST_TOKEN + 1
+        return f"{self._token / 100.0:.2f}"
+
+
+class TcLabController(TemperatureController):
     """See `rig.drivers.controller.TemperatureController`.
 
     heater: 1 or 2, with the thermometer of that number; the other one stays off. full_pwm: what full drive is, of 255.
@@ -51,6 +164,11 @@ class TcLabController(HeaterDrive):
     """
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=115200)
+    ON_VISA: ClassVar[bool] = False
+    LARGEST_CURRENT: ClassVar[float] = 1.0
+    drive_unit: ClassVar[str] = OF_FULL_DRIVE
+    cools: ClassVar[bool] = False
+    commands_current: ClassVar[bool] = True
     confirms_off_by: ClassVar[str] = "both heaters read back twice as 0; it measures no current"
     NAME = "a TCLab"
 
@@ -79,13 +197,12 @@ class TcLabController(HeaterDrive):
         )
         self._heater, self._full_pwm = heater, full_pwm
         self._byte_s, self._agreement_K = line.byte_s, agreement_K
-        self._armed = False
         self._percent = 0.0
-        self._looked_after = 0
+        self._checked = 0  # resynchronisations after which the board was looked at
 
-    @asked_again
+    @retry_once
     def identify(self) -> Identity:
-        """VER. Refused where it is no TCLab, or one whose firmware is too old."""
+        """Ask VER. Refused if it is no TCLab, or one whose firmware is too old."""
         (text,) = self.link.ask("VER")
         found = VERSION.fullmatch(text)
         if found is None:
@@ -95,50 +212,49 @@ class TcLabController(HeaterDrive):
             raise Refused(None, f"TCLab firmware {firmware} is too old; 1.4.0 or newer is expected")
         return Identity("TCLab", found[4], "", firmware)
 
-    @asked_again
+    @retry_once
     def configure(
         self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
     ) -> None:
-        """Both heaters off, and what full drive is; each read back. current_limit_A: the largest drive, at most 1.
+        """Set both heaters off, and full drive; read back each. current_limit_A: the largest drive, at most 1.
 
         The board has no temperature limits and no dead man that could be set.
         """
         self._check_limits(current_limit_A, temperature_limits_degC)
-        self._armed = False
+        self._armed = None
         self._set("Q1", 0.0)
         self._set("Q2", 0.0)
         self._set(f"P{self._heater}", float(self._full_pwm))
         self._percent = 0.0
-        self.drive_limit = current_limit_A
+        self.current_limit_A = current_limit_A
         self.temperature_limits_degC = temperature_limits_degC
 
     def arm_current(self) -> None:
-        """Ready for `set_current_A`, at no drive: the board has no switch for that, this driver keeps it."""
-        self._check_drive(0.0)
+        """Be ready for `set_current_A`, at no drive: the board has no such switch, this driver remembers it."""
+        self._check_current(0.0)
         self._set(f"Q{self._heater}", 0.0)
-        self._looked_after = self.link.resynchronised
-        self._percent, self._armed = 0.0, True
+        self._checked = self.link.resynchronised
+        self._percent, self._armed = 0.0, DRIVES
 
     def set_current_A(self, current_A: float) -> None:
-        """Drive from now on, 0 to 1 of full drive, read back. ValueError outside the limit: nothing is sent."""
-        self._check_drive(current_A)
+        """Set the drive, 0 to 1 of full drive, read back. ValueError outside the limit: nothing is sent."""
+        self._check_current(current_A)
         if self.link.in_doubt:
             self.link.resynchronise()
-        self._look_after_doubt()
-        if not self._armed:
-            raise Refused(None, "the heater is not armed")
+        self._check_after_doubt()
+        self._require_armed(DRIVES)
         percent = 100.0 * current_A
         self._set(f"Q{self._heater}", percent)
         self._percent = percent
 
     def read_temperature(self) -> Reading:
-        """Thermometer of the heater, degC; `time_s` is when the second of three conversions was made."""
+        """Read the heater's thermometer, degC; `time_s` is when the second of three conversions was made."""
         question = f"T{self._heater}"
         for _ in range(TRIALS):
             replies = self.link.ask(question, question, question)
             low, middle, high = sorted(self._number(reply) for reply in replies)
             if high - low <= self._agreement_K:
-                self._look_after_doubt()
+                self._check_after_doubt()
                 good = LOWEST_DEGC <= middle <= HIGHEST_DEGC
                 # after two questions and one reply on the line
                 time_s = self.link.sent_s + (2 * len("T1\n") + len("25.00\r\n")) * self._byte_s
@@ -147,7 +263,7 @@ class TcLabController(HeaterDrive):
         raise Corrupt(f"three readings one after the other are {low}, {middle} and {high} degC")
 
     def read_current(self) -> Reading:
-        """Drive as the board remembers it, 0 to 1 of full drive."""
+        """Read the drive as the board remembers it, 0 to 1 of full drive."""
         first, second = self._number_pair(f"R{self._heater}")
         if first != second:
             self.link.doubt()
@@ -155,17 +271,17 @@ class TcLabController(HeaterDrive):
         return Reading(first / 100.0, self.link.sent_s, Quality.OK)
 
     def status(self) -> Status:
-        """The drives of both heaters; the board tells nothing else."""
+        """Read the drives of both heaters; the board reports nothing else."""
         first, second = (self._number(reply) for reply in self.link.ask("R1", "R2"))
-        self._look_after_doubt()
+        self._check_after_doubt()
         return Status(f"heater 1 at {first:g} %, heater 2 at {second:g} %", False, first > 0.0 or second > 0.0)
 
     def off(self) -> bool:
-        """Both heaters off, at once, and again until both read back 0, twice, which makes it True. Never raises.
+        """Switch both heaters off, again and again; return True if both read back 0 twice. Never raises.
 
         A board whose port was opened less than `boot_s` ago may not listen yet: it is asked once more when it does.
         """
-        self._armed = False
+        self._armed = None
         clock, ways = self.transport.clock, ((self._off_once, OFF_S),)
         is_off = confirmed_off(self.transport, ways, self.link.doubt)
         if is_off or clock.now_s() >= self.link.listens_s:
@@ -181,7 +297,7 @@ class TcLabController(HeaterDrive):
         return [self._number(reply) for reply in replies] == [0.0] * 6
 
     def _set(self, name: str, value: float) -> None:
-        """Set; the reply is what the board has kept. A heater is asked again. Refused where that differs."""
+        """Set a value; the reply is the value that the board kept. A heater is asked again. Refused if that differs."""
         commands = [f"{name} {value:.2f}"] + ([f"R{name[1]}"] if name.startswith("Q") else [])
         for reply in self.link.ask(*commands):
             if abs(self._number(reply) - value) > RESOLUTION_PERCENT:
@@ -198,11 +314,12 @@ class TcLabController(HeaterDrive):
             raise Corrupt(f"{text!r} is no number of a TCLab")
         return float(text)
 
-    def _look_after_doubt(self) -> None:
-        """A board that has restarted in between, or has not understood a command, has its heaters off: not armed."""
-        if self.link.resynchronised == self._looked_after:
+    def _check_after_doubt(self) -> None:
+        """Disarm if the board has restarted in between, or not understood a command: its heaters are off then."""
+        if self.link.resynchronised == self._checked:
             return
         if self._armed and self._percent > 0.0:
             first, second = self._number_pair(f"R{self._heater}")
-            self._armed = first == second and abs(first - self._percent) <= RESOLUTION_PERCENT
-        self._looked_after = self.link.resynchronised
+            if not (first == second and abs(first - self._percent) <= RESOLUTION_PERCENT):
+                self._armed = None
+        self._checked = self.link.resynchronised

@@ -2,56 +2,344 @@
 
 Sources: TC-36-25 RS232 manual, Appendix C p. 42 to 50 (codes are hexadecimal); TC-48-20 manual, Appendix B p. 48 to 54.
 
-They command power in percent, never amperes, so the current is unknown: `commands_current` is False, `arm_current` and
-`set_current_A` are Refused, `read_current` is no number, and the rig falls back to setpoints for the instrument's own
-regulation. The current limit cannot be set either (the supply's voltage over the element's resistance is what it is).
-There is no dead man.
+They command power in percent, never amperes, so the current is unknown, and the rig falls back to setpoints for the
+instrument's own regulation. The current limit cannot be set either (the supply's voltage over the element's resistance
+is what it is). There is no dead man.
 
 TC-36-25: writing to its EEPROM (some 1e6 times) is switched off (34) before anything else is written; the working units
-(4b) are read before a temperature is trusted; the number that fences (`rig.drivers.te_link`) goes to the control
-deadband (25), which only the deadband type of control uses, and the driver chooses PID (2b). Not verified: that alarm
-type 2 is fixed alarms, that the deadband takes 0.01 to 99.99.
+(4b) are read before a temperature is trusted; the fence's number goes to the control deadband (25), which only the
+deadband type of control uses, and the driver chooses PID (2b). Not verified: that alarm type 2 is fixed alarms, that
+the deadband takes 0.01 to 99.99.
 TC-48-20: no code is known that reads its units (`units` has to be given), switches its EEPROM off or sets its alarms;
 its output enable reads back by code 64 (not verified: `power_read_code`); the model number (00) is its fence.
 
-A temperature is read twice between fences. Two readings within `SAME_K` of each other count; otherwise three are made,
-of which two have to be within `agreement_K` (by default 0.14 K, less than the 15 units by which a corruption that the
-sum misses changes a value), and the middle one counts: a single one that is wrong is never it. Residual: two of them
-hurt alike. A plate faster than 3 K/s moves by more than the agreement between two readings at 9600 Bd, and is never
-read.
+Frames have lower-case hexadecimal and an 8-bit sum (`sim.instruments.te_technology`); nothing in a reply names its
+request. What makes up for that:
+
+* one request at a time, `gap_s` after the last byte; bytes that come unasked put the line in doubt;
+* a fence closes every sequence of requests. If the model has a register that can hold anything without a consequence, a
+  number that counts up is written there, and the reply to a write is the value; otherwise a value that no temperature
+  has is read. The instrument answers in order, so if every request has had one reply, and the fence its own, then none
+  of them was an older one's;
+* after anything unexpected the line is in doubt: listened to until it has been silent for `drain_s`, then a fence until
+  it comes back;
+* a temperature is read twice between fences. Two readings within `SAME_K` of each other count; otherwise three are
+  made, of which two have to be within `agreement_K`, and the middle one counts: a single one that is wrong is never it.
+  The sum misses a burst that leaves it as it is, 1 of about 16 random changes of two neighbouring digits; such a burst
+  changes the value by a multiple of 15 units, 0.15 K, which is more than `agreement_K`.
+
+Residual: of single faults none, as each of them leaves one frame too many or too few before the fence. A fence that
+only reads a constant does not distinguish an old reply from a new one: there `drain_s` has to outlast the longest
+delay. Of double faults (one reply lost, another doubled) in one sequence, a reading made twice can be its first half
+twice: right, and one exchange older than its time says. A plate faster than 3 K/s moves by more than the agreement
+between two readings at 9600 Bd, and is never read.
 
 At 9600 Bd an exchange takes 45 ms, a temperature three of them, a setpoint three: a period of 0.5 s is right.
 """
 
 from __future__ import annotations
 
+import random
 import re
-from math import isfinite, nan
-from typing import ClassVar
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import nan
+from typing import Any, ClassVar
 
-from rig.core.errors import Corrupt, Refused, TimedOut
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
 from rig.core.reading import Quality, Reading
-from rig.drivers.asked_again import asked_again
-from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, comes_on, confirmed_off, waited_for
-from rig.drivers.controller import OwnLimits, Status
-from rig.drivers.identity import Identity
-from rig.drivers.option_kinds import check_gains
-from rig.drivers.setpoint_only import SetpointOnly
-from rig.drivers.te_link import Request, TeLink
-from rig.drivers.te_models import MODEL_CODE, MODELS, model_of, status_of
+from rig.drivers.controller import (
+    OFF_S,
+    SETPOINTS,
+    STARTED_S,
+    STATUS_S,
+    OwnField,
+    OwnLimits,
+    Status,
+    TemperatureController,
+    check_gains,
+    confirmed_off,
+    wait_until,
+    wait_until_on,
+)
+from rig.drivers.identity import Identity, retry_once
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
+RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three the line is dead
+REQUESTS = 3  # trials of a request that the instrument could not read
+LARGEST_TOKEN = 9999
+SHOUTS, SHOUT_S = 4, 0.015  # how often, and how far apart at least
+DIGITS = frozenset(b"0123456789abcdef")
 LONGEST_PAUSE_S = 60.0  # of silence on a line; the slowest of these controllers needs 2.5 s
-TRIALS = 3
-CONTROL_SENSOR: Request = (b"01", None)
+TRIALS = 3  # of a temperature
 GAIN_UNITS = 100  # of a repeat per minute, and of a minute
 LARGEST_FIELD = 32767  # of 16 bits with a sign
 SAME_K = 0.02  # two readings that are the same but for noise
 LOWEST_DEGC, HIGHEST_DEGC = -200.0, 600.0  # a reading beyond is an open sensor
+MODEL_CODE = 9613  # a TC-48-20's answer to code 00
+ALARMS = ("high", "low", "computer", "over-current", "input 1 open", "input 2 open", "driver supply low")
+REMEDIES = {
+    "high": "wait until the plate is below the high alarm",
+    "low": "wait until the plate is above the low alarm",
+    "over-current": "check the element and its cables for a short",
+    "input 1 open": "check the thermometer and its cable",
+    "driver supply low": "check the supply's voltage",
+}
+MAKES_TROUBLE = 0b1011111  # an open second input does not
+Request = tuple[bytes, int | None]  # code and value; None reads
+CONTROL_SENSOR: Request = (b"01", None)
 
 
-class TeTechnologyController(SetpointOnly):
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A controller: its name, line, frames, units of a degree, codes (empty: not known).
+
+    digits: of the data. quiet: a write that comes first after doubt (its acknowledgement does not matter). fence_write:
+    code of the register for a counting number. fence_read, fence_value: a code that reads a constant.
+    """
+
+    name: str
+    line: LineSettings
+    digits: int
+    has_address: bool
+    per_degC: int
+    power_write: bytes
+    power_read: bytes
+    alarms: bytes
+    fence_write: bytes = b""
+    fence_read: bytes = b""
+    fence_value: int = 0
+    quiet: tuple[bytes, int] | None = None
+    units: bytes = b""
+    settings: tuple[tuple[bytes, bytes, int], ...] = ()  # write, read, value, at configuration
+    limits: tuple[tuple[bytes, bytes], ...] = ()  # write and read of low and high alarm
+    alarm_type: tuple[bytes, bytes] = (b"", b"")
+    reset_latches: bytes = b""
+    drain_s: float = 0.3
+
+
+MODELS = {
+    "tc-36-25": Model(
+        "TC-36-25 RS232",
+        LineSettings(baudrate=9600),
+        digits=8,
+        has_address=True,
+        per_degC=100,
+        power_write=b"2d",
+        power_read=b"46",
+        alarms=b"05",
+        fence_write=b"25",
+        quiet=(b"34", 0),
+        units=b"4b",
+        settings=((b"34", b"4c", 0), (b"29", b"42", 0), (b"2b", b"44", 1), (b"2e", b"47", 1)),
+        limits=((b"24", b"58"), (b"23", b"57")),
+        alarm_type=(b"28", b"41"),
+        reset_latches=b"33",
+    ),
+    "tc-48-20": Model(
+        "TC-48-20",
+        LineSettings(baudrate=115200),
+        digits=4,
+        has_address=False,
+        per_degC=10,
+        power_write=b"30",
+        power_read=b"64",
+        alarms=b"03",
+        fence_read=b"00",
+        fence_value=MODEL_CODE,
+        drain_s=2.5,
+    ),
+}
+
+
+def model_of(name: object) -> Model:
+    """Return the model of a name; ValueError if there is none."""
+    if not isinstance(name, str) or name not in MODELS:
+        raise ValueError(f"model {name!r}: one of {', '.join(sorted(MODELS))} is expected")
+    return MODELS[name]
+
+
+class TeLink:
+    """The line of one controller.
+
+    byte_s: of a character on the line, s. gap_s: from the last byte of a reply to the next request. drain_s: of silence
+    that brings a line in doubt to rest. answer_s: until a reply begins, beyond the time on the wire.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        model: Model,
+        *,
+        address: int = 0,
+        byte_s: float,
+        gap_s: float = 0.01,
+        drain_s: float = 0.3,
+        answer_s: float = 0.25,
+        first_token: int | None = None,
+    ) -> None:
+        self.transport = transport
+        self._model = model
+        self._address = b"%02x" % address if model.has_address else b""
+        self._gap_s, self._drain_s = gap_s, drain_s
+        self._byte_s = byte_s
+        self._patience_s = answer_s + (2 * model.digits + 12) * byte_s
+        self._token = random.randrange(1, LARGEST_TOKEN + 1) if first_token is None else first_token
+        self.in_doubt = True
+        self._quiet_s = 0.0  # when the last byte came or went
+        self.arrived_s = 0.0  # when the last request had arrived
+        self.arrivals_s: list[float] = []  # of the requests of the last sequence, without its fence
+        self.resynchronised = 0
+
+    def doubt(self) -> None:
+        """Resynchronise first, because something was wrong with a reply."""
+        self.in_doubt = True
+
+    def sequence(self, *requests: Request, trials: int = RESYNCHRONISATIONS) -> list[int]:
+        """Return the replies to some requests, proven by a fence behind them.
+
+        A write whose reply is not its value is OutOfStep. TimedOut, Corrupt, OutOfStep, Disconnected.
+        """
+        transport = self.transport
+        if self.in_doubt or transport.has_more:
+            self.resynchronise(trials)
+        self.in_doubt = True
+        unasked = transport.stale_bytes
+        replies, self.arrivals_s = [], []
+        for code, value in requests:
+            reply = self._ask(code, value)
+            if value is not None and reply != value:
+                raise OutOfStep(f"code {code.decode()} was set to {value}, and {reply} acknowledged")
+            replies.append(reply)
+            self.arrivals_s.append(self.arrived_s)
+        expected, reply = self._fence()
+        if reply != expected:
+            raise OutOfStep(f"{reply} came back where {expected} was expected: replies are out of step")
+        if transport.stale_bytes != unasked:
+            raise OutOfStep("there were more replies than requests")
+        self.in_doubt = False
+        return replies
+
+    def shout(self, code: bytes, value: int) -> None:
+        """Send a write at once, whatever the line is doing, several times, and wait for no acknowledgement.
+
+        A request that begins while the instrument still answers the one before is lost (the manual warns of sending too
+        fast), hence the repetition, for longer than an exchange takes.
+        """
+        self.in_doubt = True
+        clock = self.transport.clock
+        frame = self._frame(code, value)
+        for _ in range(SHOUTS):
+            self.transport.send(frame)
+            clock.sleep_until_s(clock.now_s() + max(len(frame) * self._byte_s, SHOUT_S))
+
+    def answers(self) -> bool:
+        """Return True if anything comes within the time of an answer, after `shout`; it stays unread."""
+        clock = self.transport.clock
+        give_up_s = clock.now_s() + self._patience_s
+        while not self.transport.has_more:
+            if clock.now_s() >= give_up_s:
+                return False
+            clock.sleep_until_s(clock.now_s() + SHOUT_S)
+        return True
+
+    def resynchronise(self, trials: int = RESYNCHRONISATIONS) -> None:
+        """Listen until the line is silent, then send fences until one comes back."""
+        self.in_doubt = True
+        problem: InstrumentError | None = None
+        for attempt in range(trials):
+            try:
+                if attempt and attempt == trials - 1:
+                    self.transport.reopen()
+                self._await_silence()
+                if self._model.quiet is not None:
+                    self._ask(*self._model.quiet)
+                self._await_fence()
+            except InstrumentError as error:
+                problem = error
+            else:
+                self.in_doubt = False
+                self.resynchronised += 1
+                return
+        raise problem or OutOfStep("the line cannot be brought in step")
+
+    def _await_silence(self) -> None:
+        transport = self.transport
+        clock = transport.clock
+        give_up_s = clock.now_s() + 10.0 * self._drain_s
+        while True:
+            clock.sleep_until_s(clock.now_s() + self._drain_s)
+            if not transport.drain():
+                return
+            if clock.now_s() > give_up_s:
+                raise OutOfStep("the line does not fall silent")
+
+    def _await_fence(self) -> None:
+        expected, reply = self._fence()
+        for _ in range(32):
+            if reply == expected:
+                return
+            try:
+                data = self._receive(self.transport.clock.now_s() + self._patience_s)
+            except TimedOut:
+                break
+            reply = _value(data)
+        raise OutOfStep(f"{reply} came back where {expected} was expected: the line cannot be brought in step")
+
+    def _fence(self) -> tuple[int, int]:
+        """Send a fence, and return its expected and its actual reply."""
+        model = self._model
+        if not model.fence_write:
+            return model.fence_value, self._ask(model.fence_read, None)
+        self._token = self._token % LARGEST_TOKEN + 1
+        return self._token, self._ask(model.fence_write, self._token)
+
+    def _ask(self, code: bytes, value: int | None) -> int:
+        """Send one request and return the next reply, whatever it answers."""
+        transport = self.transport
+        clock = transport.clock
+        frame = self._frame(code, value)
+        for _ in range(REQUESTS):
+            clock.sleep_until_s(self._quiet_s + self._gap_s)
+            transport.send(frame)
+            sent_s = clock.now_s()
+            self.arrived_s = sent_s + len(frame) * self._byte_s
+            data = self._receive(sent_s + self._patience_s)
+            if data.strip(b"X"):
+                return _value(data)
+        raise Corrupt(f"the instrument could not read {frame!r}")
+
+    def _receive(self, deadline_s: float) -> bytes:
+        """Return the next reply's data, X instead of digits if the instrument could not read the request."""
+        try:
+            line = self.transport.receive_line(b"^", deadline_s)
+        finally:
+            self._quiet_s = self.transport.clock.now_s()
+        data = line[1:-2]
+        if line[:1] == b"*" and len(data) == self._model.digits and b"%02x" % (sum(data) & 0xFF) == line[-2:]:
+            return data
+        raise Corrupt(f"{line!r} is no reply")
+
+    def _frame(self, code: bytes, value: int | None) -> bytes:
+        digits = self._model.digits
+        if value is None:
+            data = b"0" * digits if self._model.has_address else b""
+        else:
+            data = b"%0*x" % (digits, value & ((1 << 4 * digits) - 1))
+        body = self._address + code + data
+        return b"*%b%02x\r" % (body, sum(body) & 0xFF)
+
+
+def _value(data: bytes) -> int:
+    """Return a number in two's complement. Corrupt if it is no lower-case hexadecimal one."""
+    if not DIGITS.issuperset(data):
+        raise Corrupt(f"{data!r} is no number")
+    value = int(data, 16)
+    return value - (1 << 4 * len(data)) if data[0] >= 0x38 else value
+
+
+class TeTechnologyController(TemperatureController):
     """See `rig.drivers.controller.TemperatureController`.
 
     model: "tc-36-25" or "tc-48-20". address: 0, or that of an RS-485 model. gap_s: from a reply to the next request
@@ -62,6 +350,8 @@ class TeTechnologyController(SetpointOnly):
     """
 
     LINE: ClassVar[LineSettings] = MODELS["tc-36-25"].line
+    ON_VISA: ClassVar[bool] = False  # its lines do not end in LF
+    SEARCH: ClassVar[tuple[dict[str, Any], ...]] = tuple({"model": model, "drain_s": 0.1} for model in MODELS)
     confirms_off_by: ClassVar[str] = "its power switch read back; it shows no current"
 
     def __init__(
@@ -100,14 +390,13 @@ class TeTechnologyController(SetpointOnly):
         self.transport = transport
         self.link = TeLink(
             transport,
-            table.dialect,
+            table,
             address=address,
             byte_s=(table.line if line is None else line).byte_s,
             gap_s=gap_s,
             drain_s=table.drain_s if drain_s is None else drain_s,
             first_token=first_token,
         )
-        self.temperature_limits_degC = (nan, nan)
         self._agreement_K = agreement_K
         self._fahrenheit: bool | None = None if units is None else units == "degF"
         self._given_units = units is not None
@@ -120,41 +409,53 @@ class TeTechnologyController(SetpointOnly):
             derivative_min=(derivative_min, 0.0, largest),
         )
         self._own_gains = bandwidth_K, integral_per_min, derivative_min
-        self._armed = False
-        self._looked_after = 0
+        self._checked = 0  # resynchronisations after which the instrument was looked at
 
     @classmethod
     def line_for(cls, **options: object) -> LineSettings:
-        """Line settings of the model that the options name. ValueError where there is none."""
+        """Return the line settings of the model that the options name; ValueError if there is none."""
         return model_of(options.get("model", "tc-36-25")).line
 
-    @asked_again
+    @staticmethod
+    def own_fields(options: Mapping[str, Any], kp: float, ti_s: float, td_s: float, limit: float) -> list[OwnField]:
+        per_K = model_of(options.get("model", "tc-36-25")).per_degC
+        band_K = max(round(limit / kp * per_K), 1) / per_K
+        integral, derivative = round(60.0 / ti_s, 2) if ti_s > 0.0 else 0.0, td_s / 60.0
+        return [
+            OwnField("bandwidth_K", band_K, f"code 1d = {round(band_K * per_K)}", "K"),
+            OwnField("integral_per_min", integral, f"code 1e = {round(100 * integral)}", "repeats/min"),
+            OwnField("derivative_min", round(derivative, 2), f"code 1f = {round(100 * derivative)}", "min"),
+        ]
+
+    @staticmethod
+    def own_pid(
+        limit: float, bandwidth_K: float, integral_per_min: float, derivative_min: float
+    ) -> tuple[float, float, float]:
+        return limit / bandwidth_K, 60.0 / integral_per_min if integral_per_min else 0.0, derivative_min * 60.0
+
+    @retry_once
     def identify(self) -> Identity:
-        """The TC-36-25 has no identification: its sensor type (43) has to be 0 to 5. Refused."""
-        if self._model.dialect.fence_read:
-            (number,) = self._exchange((self._model.dialect.fence_read, None))
+        """Ask for the model number; a TC-36-25 has none, and its sensor type (43) has to be 0 to 5. Refused."""
+        if self._model.fence_read:
+            (number,) = self._exchange((self._model.fence_read, None))
             wrong = number != MODEL_CODE
         else:
             (number,) = self._exchange((b"43", None))
             wrong = not 0 <= number <= 5
         if wrong:
-            raise Refused(None, f"what answers reads {number}, and is no {self._model.name}")
+            raise Refused(None, f"the instrument answers {number}, and is no {self._model.name}")
         return Identity("TE Technology", self._model.name, "", "")
 
-    @asked_again
+    @retry_once
     def configure(
         self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
     ) -> None:
-        """Output off, EEPROM off, own regulation by setpoints from here, alarms that shut down; each read back.
+        """Set output off, EEPROM off, own regulation by setpoints from here, alarms that shut down; read back each.
 
         Neither the current limit nor a dead man can be set.
         """
-        low_degC, high_degC = temperature_limits_degC
-        if not (isfinite(current_limit_A) and current_limit_A > 0.0):
-            raise ValueError(f"current limit {current_limit_A} A: a positive number is expected")
-        if not (isfinite(low_degC) and isfinite(high_degC) and low_degC < high_degC):
-            raise ValueError(f"temperature limits {low_degC}, {high_degC} degC: two rising numbers are expected")
-        self._armed = False
+        self._check_limits(current_limit_A, temperature_limits_degC)
+        self._armed = None
         model = self._model
         self._set(model.power_write, self._power_read, 0)
         for write, read, value in model.settings:
@@ -165,10 +466,10 @@ class TeTechnologyController(SetpointOnly):
             for (write, read), limit_degC in zip(model.limits, temperature_limits_degC, strict=True):
                 self._set(write, read, self._fixed(limit_degC))
             self._set(*model.alarm_type, self._alarm_type)
-        self.temperature_limits_degC = (low_degC, high_degC)
+        self.temperature_limits_degC = temperature_limits_degC
 
     def _set_own_gains(self) -> None:
-        """Proportional band in its own degrees, repeats per minute, minutes: those that were given."""
+        """Set the gains that were given: proportional band in its own degrees, repeats per minute, minutes."""
         band_K, integral, derivative = self._own_gains
         if band_K is not None:
             self._set(b"1d", b"51", round(band_K * (1.8 if self._fahrenheit else 1.0) * self._model.per_degC))
@@ -177,7 +478,7 @@ class TeTechnologyController(SetpointOnly):
                 self._set(write, read, round(gain * GAIN_UNITS))
 
     def own_limits(self) -> OwnLimits:
-        """Low and high alarm (58, 57), where the model is known to have them."""
+        """Read low and high alarm (58, 57), if the model is known to have them."""
         if not self._model.limits or self._alarm_type is None:
             return OwnLimits()
         self._learn_units()
@@ -185,33 +486,25 @@ class TeTechnologyController(SetpointOnly):
         return OwnLimits(low_degC=self._degC(low), high_degC=self._degC(high))
 
     def arm_setpoint(self) -> None:
-        """Output on under the instrument's own regulation, held at the temperature of now."""
-        low_degC, high_degC = self.temperature_limits_degC
-        if not isfinite(low_degC):
-            raise Refused(None, "limits are not configured yet")
-        self._armed = False
-        now = self.read_temperature()
-        if not (now.is_number and low_degC <= now.value <= high_degC):
-            raise Refused(None, f"temperature {now.value} degC is not within {low_degC} to {high_degC} degC")
-        self._set(b"1c", b"50", self._fixed(now.value))
+        """Switch the output on under the instrument's own regulation, held at the temperature of now."""
+        self._require_configured()
+        self._armed = None
+        self._set(b"1c", b"50", self._fixed(self._require_within(self.read_temperature())))
         self._set(self._model.power_write, self._power_read, 1)
-        comes_on(self.transport.clock, self.status)
-        self._armed = True
+        wait_until_on(self.transport.clock, self.status)
+        self._armed = SETPOINTS
 
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
-        """Set temperature (1c), read back. ValueError outside the configured limits: nothing is sent."""
-        low_degC, high_degC = self.temperature_limits_degC
-        if not low_degC <= setpoint_degC <= high_degC:
-            raise ValueError(f"{setpoint_degC} degC is outside the configured {low_degC} to {high_degC} degC")
+        """Set the temperature (1c), read back. ValueError outside the configured limits: nothing is sent."""
+        self._check_setpoint(setpoint_degC)
         if self.link.in_doubt:
             self.link.resynchronise()
-            self._look_after_doubt()
-        if not self._armed:
-            raise Refused(None, "the output is not armed for setpoints")
+            self._check_after_doubt()
+        self._require_armed(SETPOINTS)
         self._set(b"1c", b"50", self._fixed(setpoint_degC))
 
     def read_temperature(self) -> Reading:
-        """Control sensor (01), degC; `time_s` is when the last of two requests had arrived, or the second of three."""
+        """Read the control sensor (01), degC; `time_s` is that of the last of two requests, or the second of three."""
         self._learn_units()
         per_K = self._model.per_degC * (1.8 if self._fahrenheit else 1.0)
         for _ in range(TRIALS):
@@ -232,17 +525,29 @@ class TeTechnologyController(SetpointOnly):
         return Reading(value_degC if quality is Quality.OK else nan, time_s, quality)
 
     def read_power_percent(self) -> Reading:
-        """Power output (02), % of full power, positive heats as far as the instrument's polarity is set so."""
+        """Read the power output (02), % of full power, positive heats as far as the instrument's polarity is set so."""
         (value,) = self._exchange((b"02", None))
         return Reading(value / 511.0 * 100.0, self.link.arrived_s, Quality.OK if abs(value) <= 511 else Quality.INVALID)
 
     def status(self) -> Status:
-        """Alarms (05, on the TC-48-20 03) and whether power is on (46)."""
-        alarms, on = self._exchange((self._model.alarms, None), (self._power_read, None))
-        return status_of(self._model, alarms, on == 1)
+        """Read the alarms (05, on the TC-48-20 03) and whether power is on (46)."""
+        alarms, power = self._exchange((self._model.alarms, None), (self._power_read, None))
+        on = power == 1
+        names = [name for bit, name in enumerate(ALARMS) if alarms >> bit & 1]
+        text = ("on" if on else "off") + "".join(f", alarm: {name}" for name in names)
+        code = alarms & MAKES_TROUBLE
+        if not code:
+            return Status(text, False, on)
+        troubles = [name for name in names if code & 1 << ALARMS.index(name)]
+        what_to_do = [REMEDIES[name] for name in troubles if name in REMEDIES]
+        clears = "`peltier check CONFIG --clear` resets what latched"
+        if not self._model.reset_latches:
+            clears = "what latched is cleared by switching its supply off and on"
+        meaning = f"alarm: {', '.join(troubles)}"
+        return Status(text, True, on, code, meaning, "; ".join([*what_to_do, clears]))
 
     def clear_error(self) -> None:
-        """Reset the latches (33). Refused where an alarm stays, or where no code for it is known (TC-48-20)."""
+        """Reset the latches (33). Refused if an alarm stays, or if no code for it is known (TC-48-20)."""
         if not self._model.reset_latches:
             super().clear_error()
         self._exchange((self._model.reset_latches, 1))
@@ -252,35 +557,37 @@ class TeTechnologyController(SetpointOnly):
             found[:] = [self.status()]
             return not found[0].is_error
 
-        if not waited_for(self.transport.clock, is_clear, STARTED_S):
+        if not wait_until(self.transport.clock, is_clear, STARTED_S):
             raise Refused(found[0].code, f"resetting the latches did not clear it: {found[0].meaning}")
 
     def off(self) -> bool:
-        """Power off; then again and again, without waiting for acknowledgements. True if it reads back so twice (46).
+        """Switch power off, again and again; return True if it reads back off twice (46). Never raises.
 
-        It takes no current, and the manual knows no emergency stop. A line in doubt has to be drained before an answer
-        proves anything: then it takes `drain_s` longer where the instrument answers. Never raises.
+        The manual knows no emergency stop. A line in doubt has to be drained before an answer proves anything: then it
+        takes `drain_s` longer if the instrument answers.
         """
-        self._armed = False
+        self._armed = None
         ways = ((self._off_once, STATUS_S), (self._shout_off, OFF_S))
         return confirmed_off(self.transport, ways, self.link.doubt)
 
     def _off_once(self) -> bool:
         if self.link.in_doubt:
             return self._shout_off()
-        off, read = (self._model.power_write, 0), (self._power_read, None)
-        return self.link.sequence(off, read, read, trials=1)[1:] == [0, 0]
+        return self._reads_off()
 
     def _shout_off(self) -> bool:
         self.link.shout(self._model.power_write, 0)
         if not self.link.answers():
-            raise TimedOut(self.transport.told("no answer to a switch of its output"))
+            raise TimedOut(self.transport.named("no answer to a switch of its output"))
+        return self._reads_off()
+
+    def _reads_off(self) -> bool:
         off, read = (self._model.power_write, 0), (self._power_read, None)
         return self.link.sequence(off, read, read, trials=1)[1:] == [0, 0]
 
     def _exchange(self, *requests: Request) -> list[int]:
         replies, arrivals_s = self.link.sequence(*requests), self.link.arrivals_s
-        self._look_after_doubt()
+        self._check_after_doubt()
         self.link.arrivals_s = arrivals_s
         return replies
 
@@ -301,17 +608,17 @@ class TeTechnologyController(SetpointOnly):
             raise Refused(None, f"working units read {units}")
         self._fahrenheit = units == 0
 
-    def _look_after_doubt(self) -> None:
-        """After the line was in doubt the instrument may have restarted: units and power are asked for again."""
-        if self.link.resynchronised == self._looked_after:
+    def _check_after_doubt(self) -> None:
+        """Ask for units and power again after the line was in doubt: the instrument may have restarted."""
+        if self.link.resynchronised == self._checked:
             return
-        self._looked_after = self.link.resynchronised
+        self._checked = self.link.resynchronised
         if self._model.units and not self._given_units and self._fahrenheit is not None:
             self._fahrenheit = None
             self._learn_units()
         if self._armed:
             (on,) = self.link.sequence((self._power_read, None))
-            self._armed = on == 1
+            self._armed = SETPOINTS if on == 1 else None
 
     def _fixed(self, temperature_degC: float) -> int:
         value = temperature_degC * 1.8 + 32.0 if self._fahrenheit else temperature_degC

@@ -1,8 +1,8 @@
-"""Who may write what, as EPICS' access security has it, and where the server listens.
+"""EPICS access security: who may write which records, and where the server listens.
 
-Readings are for everybody who reaches the server, and so is STOP. The other records that can be written are for users
-and hosts of a list. Of a record only its value can be written, never a field of its configuration (ASL 0 in EPICS). A
-host is known by the address that its packets come from; a user is who the client says it is.
+Everybody who reaches the server may read, and write STOP. The other records may be written by the users and hosts of a
+list. Only a record's value can be written, never a field of its configuration (ASL 0 in EPICS). A host is identified by
+the address of its packets; a user is the one that the client names.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ EVERYWHERE = "0.0.0.0"
 
 
 def access_list(table: EpicsTable) -> str:
-    """The access-security file (.acf)."""
+    """Return the access-security file (.acf)."""
     lines, conditions = [], []
     for kind, group, names in (("UAG", "writers", table.users), ("HAG", "consoles", table.hosts)):
         if names:
@@ -30,7 +30,7 @@ def access_list(table: EpicsTable) -> str:
 
 
 def listen(table: EpicsTable, environment: MutableMapping[str, str]) -> None:
-    """Say in EPICS' own variables where the server listens and where it announces itself."""
+    """Set EPICS' variables for where the server listens and announces itself."""
     environment["EPICS_CAS_SERVER_PORT"] = str(table.ca_port)
     environment["EPICS_PVAS_SERVER_PORT"] = str(table.pva_port)
     environment["EPICS_PVAS_BROADCAST_PORT"] = str(table.pva_port + 1)
@@ -39,6 +39,6 @@ def listen(table: EpicsTable, environment: MutableMapping[str, str]) -> None:
     loopback = ipaddress.IPv4Address(table.address).is_loopback
     for server in ("CAS", "PVAS"):
         environment[f"EPICS_{server}_INTF_ADDR_LIST"] = table.address
-        if loopback:  # nobody else needs to hear of it
+        if loopback:  # no other computer can reach it
             environment[f"EPICS_{server}_AUTO_BEACON_ADDR_LIST"] = "NO"
             environment[f"EPICS_{server}_BEACON_ADDR_LIST"] = table.address

@@ -1,8 +1,8 @@
-"""The records that are written to: STOP, for everybody; with [epics] write also hold, run, cancel and reset.
+"""Records that can be written: STOP, for everybody; with [epics] write also hold, run, cancel and reset.
 
 A command's record is busy until the daemon has answered, so that a put that waits (`caput -c`, `wait=True`) has then
 been carried out; each has a thread of its own, so that STOP waits for none of the others. A value beyond its limits is
-refused: the record keeps the old one and has a MAJOR alarm (HWLIMIT) until it is written rightly.
+refused: the record keeps the old one and has a MAJOR alarm (HWLIMIT) until a valid one is written.
 """
 
 from __future__ import annotations
@@ -10,22 +10,56 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from softioc import alarm, builder
 
-from rig.daemon.hold import LONGEST_S, USUAL_S
-from rig.epics import questions
+from rig.daemon.client import Client, NoDaemon, Refusal
+from rig.daemon.configurations import LONGEST_S, SHORTEST_S, USUAL_S
 from rig.epics.access import STOP, WRITE
 from rig.epics.published import LONG, SHORT, Published, shortened
-from rig.epics.questions import Answer, Place
 
-SHORTEST_S = 1.0  # as the daemon has it
-REMEMBERED = 100  # jobs whose last state is kept: far more than begin within the time of one answer
+REMEMBERED = 100  # jobs whose last state is kept: far more than begin during one answer
+BY = "EPICS"
+BY_HAND = "NOT CONFIRMED off, switch the controller off by hand"
+Place = Callable[[], Path]  # returns the daemon's present socket
+
+
+class Answer(NamedTuple):
+    """done: True if the command was carried out; text: for people; job: the id of a job that was taken."""
+
+    done: bool
+    text: str
+    job: str = ""
+
+
+def stop(place: Place) -> Answer:
+    """Switch the output off; in every other case say that this is not confirmed."""
+    try:
+        with Client(place()) as client:
+            answer = client.ask("POST", "/api/stop", by=BY)
+    except (NoDaemon, Refusal) as error:
+        return Answer(False, f"{BY_HAND}: {error}")
+    if not answer.get("confirmed"):
+        return Answer(False, BY_HAND)
+    return Answer(True, f"off, confirmed ({answer['confirmed_by']}) after {1e3 * answer['took_s']:.0f} ms")
+
+
+def command(place: Place, method: str, path: str, text: Callable[[Any], str], **body: Any) -> Answer:
+    """Send another command; the text is made of the daemon's answer, or says why there is none."""
+    try:
+        with Client(place()) as client:
+            answer = client.ask(method, path, **body)
+    except Refusal as refusal:
+        return Answer(False, "; ".join(refusal.lines))
+    except NoDaemon as error:
+        return Answer(False, str(error))
+    return Answer(True, text(answer), str(answer.get("id", "")))
 
 
 class InThreads:
-    """How softioc calls back: each call in a thread of its own."""
+    """softioc's dispatcher: each callback in a thread of its own."""
 
     def __call__(
         self,
@@ -34,7 +68,7 @@ class InThreads:
         completion: Callable[..., object] | None = None,
         completion_args: tuple[Any, ...] = (),
     ) -> None:
-        """Call `func`, and `completion` after it whatever came of that."""
+        """Call `func`, then `completion` in any case."""
 
         def work() -> None:
             try:
@@ -46,20 +80,20 @@ class InThreads:
         threading.Thread(target=work, name="EPICS command", daemon=True).start()
 
 
-class Stopping:
-    """STOP, for everybody who reaches the server: any value that is written switches the output off."""
+class StopRecord:
+    """STOP, for everybody who reaches the server: writing any value switches the output off."""
 
     def __init__(self, place: Place) -> None:
         self._place = place
-        builder.boolOut("STOP", ZNAM="", ONAM="STOP", initial_value=False, on_update=self._stop, **_command(STOP))
+        builder.boolOut("STOP", ZNAM="", ONAM="STOP", initial_value=False, on_update=self._stop, **_fields(STOP))
         self._result = builder.longStringIn("STOP:RESULT", length=LONG, initial_value="")
 
     def _stop(self, _: object) -> None:
-        _tell(self._result, questions.stop(self._place))
+        _show(self._result, stop(self._place))
 
 
 class Commands:
-    """What only those of the list may write."""
+    """Records that only the users and hosts of the list may write."""
 
     def __init__(self, place: Place, published: Published) -> None:
         self._place, self._published = place, published
@@ -72,19 +106,19 @@ class Commands:
         )
         self._name = builder.longStringOut("RUN:CONFIGURATION", length=LONG, initial_value="", **setting)
         for name, act in (("HOLD:START", self._hold), ("RUN:START", self._run), ("COMMAND:CANCEL", self._cancel)):
-            builder.boolOut(name, ZNAM="", ONAM="do", initial_value=False, on_update=act, **_command(WRITE))
-        builder.longStringOut("RESET", length=LONG, initial_value="", on_update=self._reset, **_command(WRITE))
+            builder.boolOut(name, ZNAM="", ONAM="do", initial_value=False, on_update=act, **_fields(WRITE))
+        builder.longStringOut("RESET", length=LONG, initial_value="", on_update=self._reset, **_fields(WRITE))
         self._result = builder.longStringIn("COMMAND:RESULT", length=LONG, initial_value="")
         self._job = builder.stringIn("COMMAND:JOB", initial_value="")
         self._job_state = builder.stringIn("COMMAND:JOB_STATE", initial_value="")
-        self._states: dict[str, str] = {}  # of each job, as last told: it may begin before the daemon's answer is here
-        self._telling = threading.Lock()  # events come in a thread of their own
+        self._states: dict[str, str] = {}  # of each job: it may begin before the daemon's answer is here
+        self._lock = threading.Lock()  # events come in a thread of their own
 
     def take(self, event: str, data: dict[str, Any]) -> None:
-        """What the daemon tells of its jobs; the one that was last started here is shown."""
+        """Take an event of the daemon; the job that was last started here is shown."""
         if event != "job":
             return
-        with self._telling:
+        with self._lock:
             self._states[data["id"]] = data["state"]
             while len(self._states) > REMEMBERED:
                 del self._states[next(iter(self._states))]
@@ -96,32 +130,35 @@ class Commands:
         return _within(record, low < degC < high)
 
     def _hold(self, _: object) -> None:
-        self._started(questions.submit(self._place, hold_degC=self._degC.get(), hold_s=self._seconds.get()))
+        self._submit(hold_degC=self._degC.get(), hold_s=self._seconds.get())
 
     def _run(self, _: object) -> None:
-        self._started(questions.submit(self._place, configuration=self._name.get()))
+        self._submit(configuration=self._name.get())
 
-    def _started(self, answer: Answer) -> None:
+    def _submit(self, **body: Any) -> None:
+        answer = command(self._place, "POST", "/api/jobs", lambda job: f"{job['name']}: {job['state']}", **body)
         if answer.done:
-            with self._telling:
+            with self._lock:
                 self._job.set(shortened(answer.job, SHORT))
                 self._job_state.set(shortened(self._states.get(answer.job, "queued"), SHORT))
-        _tell(self._result, answer)
+        _show(self._result, answer)
 
     def _cancel(self, _: object) -> None:
-        _tell(self._result, questions.cancel(self._place, self._job.get()))
+        path = f"/api/jobs/{self._job.get()}"
+        _show(self._result, command(self._place, "DELETE", path, lambda job: f"{job['name']}: ended", by=BY))
 
     def _reset(self, reason: str) -> None:
-        _tell(self._result, questions.reset(self._place, reason))
+        text: Callable[[Any], str] = lambda answer: f"reset; {answer['queue']} jobs wait"  # noqa: E731
+        _show(self._result, command(self._place, "POST", "/api/reset", text, reason=reason))
 
 
-def _command(group: str) -> dict[str, Any]:
-    """A record that acts at every write, the same value included, and is busy meanwhile."""
+def _fields(group: str) -> dict[str, Any]:
+    """Return the fields of a record that acts at every write, of the same value too, and is busy meanwhile."""
     return {"ASG": group, "always_update": True, "blocking": True}
 
 
-def _tell(record: Any, answer: Answer) -> None:
-    """The answer in words, with an alarm where what was asked was not done."""
+def _show(record: Any, answer: Answer) -> None:
+    """Show the answer, with an alarm if the command was not carried out."""
     severity, status = (0, 0) if answer.done else (alarm.MAJOR_ALARM, alarm.WRITE_ALARM)
     record.set(shortened(answer.text, LONG - 1), severity=severity, alarm=status)
 
@@ -131,7 +168,7 @@ def _may_last(record: Any, seconds: float) -> bool:
 
 
 def _within(record: Any, good: bool) -> bool:
-    """Whether a value is taken; where it is not, the alarm belongs to this very processing of the record."""
+    """Return True if a value is taken; if not, the alarm belongs to this very processing of the record."""
     if not good:
         record.process_severity(record._record, alarm.MAJOR_ALARM, alarm.HW_LIMIT_ALARM)
     return good

@@ -1,8 +1,8 @@
-"""The records that tell: readings, state, trip, job. What the daemon says goes in, with its own time stamps.
+"""Records that can be read: readings, state, trip, job, with the daemon's time stamps.
 
-A value that is not there is not-a-number. Alarms: a temperature beyond the bench's limits is MAJOR (HIHI, LOLO); a
-reading that could not be taken is INVALID (READ); one that is older than it may be is INVALID (TIMEOUT); without the
-instruments, or without the daemon, everything is INVALID (COMM). That nothing is wanted is no alarm.
+A missing value is not-a-number. Alarms: a temperature beyond the bench's limits is MAJOR (HIHI, LOLO); a reading that
+failed is INVALID (READ); one that is too old is INVALID (TIMEOUT); without the instruments, or without the daemon,
+everything is INVALID (COMM). A missing setpoint is no alarm.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from softioc import alarm, builder
 
 STATES = (("idle",), ("running",), ("stopped", "MINOR"), ("tripped", "MAJOR"), ("offline", "INVALID"))
 OUTPUTS = (("off",), ("on",), ("unknown", "MAJOR"))
-PATIENCE_S = 5.0  # for a reading beside five of its periods
+PATIENCE_S = 5.0  # largest age of a reading, besides five of its periods
 SHORT, LONG = 39, 1000  # bytes: a string record's, a text's
 OWN_TIME = {"TSE": -2}  # the time stamp comes with the value
 # record, key of a row, unit, digits
@@ -32,7 +32,7 @@ COUNTS = ("QUEUE", "TICKS", "TICKS:MISSED")
 
 
 class Published:
-    """limits_degC: the bench's, [low, high]. period_s: between readings while nothing runs."""
+    """The readable records. limits_degC: the bench's, [low, high]; period_s: between readings while nothing runs."""
 
     def __init__(self, limits_degC: tuple[float, float], period_s: float) -> None:
         self.limits_degC = limits_degC
@@ -62,7 +62,7 @@ class Published:
         self._records[name] = kind(name, **OWN_TIME, **fields)
 
     def take(self, event: str, data: dict[str, Any]) -> None:
-        """What the daemon tells: a state, or a row."""
+        """Take an event of the daemon: a state, or a row."""
         if event == "state":
             self._take_state(data)
         elif event == "row":
@@ -72,7 +72,7 @@ class Published:
                 self._set("JOB:DONE", min(done_s, job["total_s"]), data["time_s"])
 
     def lost(self) -> None:
-        """The daemon does not answer: nothing that is shown is known to hold."""
+        """Mark all records as invalid: the daemon does not answer."""
         self._state = {}
         for record in self._records.values():
             record.set_alarm(alarm.INVALID_ALARM, alarm.COMM_ALARM)
@@ -81,10 +81,10 @@ class Published:
         quality = str(row.get("quality"))
         for name, key, _, _ in READINGS:
             value = row.get(key)
-            what = (alarm.NO_ALARM, alarm.NO_ALARM)
+            severity = (alarm.NO_ALARM, alarm.NO_ALARM)
             if name in MEASURED and value is None and (name != "RESISTANCE" or quality != "good"):
-                what = (alarm.INVALID_ALARM, alarm.READ_ALARM)
-            self._set(name, math.nan if value is None else float(value), row["time_s"], *what)
+                severity = (alarm.INVALID_ALARM, alarm.READ_ALARM)
+            self._set(name, math.nan if value is None else float(value), row["time_s"], *severity)
         doubt = (alarm.NO_ALARM, alarm.NO_ALARM) if quality == "good" else (alarm.MINOR_ALARM, alarm.STATE_ALARM)
         self._set("QUALITY", quality, row["time_s"], *doubt)
 
@@ -110,7 +110,7 @@ class Published:
         self._judge_age(state)
 
     def _take_bench(self, state: dict[str, Any]) -> None:
-        """What the daemon's configuration says, where it is not ours: limits, and what the controller drives with."""
+        """Take limits and the drive's unit from the daemon, whose configuration may differ from ours."""
         limits = tuple(state["limits"]["temperature_degC"])
         if limits != self.limits_degC:
             self.limits_degC = (limits[0], limits[1])
@@ -121,7 +121,7 @@ class Published:
             self._records["CURRENT"].set_field("EGU", unit)
 
     def _judge_age(self, state: dict[str, Any]) -> None:
-        """Readings that are too old, or of instruments that do not answer; and the first ones, before a row came."""
+        """Set the alarms of readings that are too old or missing; take the first reading, before a row came."""
         reading = state["reading"]
         taken_s = reading.get("time_s")
         if state["state"] == "offline" or taken_s is None:
@@ -142,10 +142,10 @@ class Published:
 
 
 def shortened(text: str, most: int) -> str:
-    """Text of at most so many bytes of UTF-8, without broken characters."""
+    """Return text of at most so many bytes of UTF-8, without broken characters."""
     return text.encode("utf-8", "replace")[:most].decode("utf-8", "ignore")
 
 
 def _number(words: tuple[tuple[str, ...], ...], word: str) -> int:
-    """Which of the words; the last one where it is none of them."""
+    """Return the index of a word; the last one if it is none of them."""
     return next((k for k, one in enumerate(words) if one[0] == word), len(words) - 1)

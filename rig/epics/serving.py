@@ -11,6 +11,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 from rig.config.configuration import ConfigurationFile
@@ -19,34 +20,34 @@ from rig.core.extras import to_install
 from rig.core.faults import fault
 from rig.daemon.client import Client, NoDaemon
 from rig.epics.access import access_list, listen
-from rig.epics.questions import Place
 
-SILENCE_S = 7.5  # the daemon says its state at least every 5 s
+SILENCE_S = 7.5  # the daemon sends its state at least every 5 s
 AGAIN_S = 1.0
 MISSING = f"needs softioc, which is not installed: {to_install('epics')}"
 Take = Callable[[str, dict[str, Any]], None]
+Place = Callable[[], Path]  # returns the daemon's present socket
 
 
 def serve(file: ConfigurationFile, place: Place, tell: Callable[[str], None]) -> int:
-    """Serve the bench whose daemon listens, or will listen, at `place`. The exit status: 128 + the signal's number.
+    """Serve the bench whose daemon listens, or will listen, at `place`, until signal n; return 128 + n.
 
-    Raises Faults where softioc is missing; RigError where a port is taken, or EPICS does not take the access list.
+    Raises Faults if softioc is missing; RigError if a port is taken, or EPICS does not accept the access list.
     """
     table, serving = file.content.epics, file.content.serve
     for port in (table.ca_port, table.pva_port):
-        _see_that_it_is_free(table.address, port)
+        _check_free(table.address, port)
     listen(table, os.environ)
     try:
         from softioc import builder
 
-        from rig.epics.commands import Commands, Stopping
+        from rig.epics.commands import Commands, StopRecord
         from rig.epics.published import Published
     except ImportError:
         raise fault("peltier epics", "", MISSING) from None
     prefix = table.prefix or serving.name
     builder.SetDeviceName(prefix)
     published = Published(file.content.limits.temperature_degC, serving.idle_period_s)
-    Stopping(place)
+    StopRecord(place)
     commands = Commands(place, published) if table.write else None
     takes = [published.take, *([commands.take] if commands is not None else [])]
     with _ended_by_signal() as ended:
@@ -58,18 +59,18 @@ def serve(file: ConfigurationFile, place: Place, tell: Callable[[str], None]) ->
         return 128 + ended()
 
 
-def _see_that_it_is_free(address: str, port: int) -> None:
-    """RigError where another server listens: EPICS would take another port, and clients would find either of them."""
+def _check_free(address: str, port: int) -> None:
+    """Raise RigError if another server listens: EPICS would take another port, and clients would find either one."""
     try:
         with socket.create_server((address, port)):
             pass
     except OSError as error:
-        said = os.strerror(error.errno) if error.errno else str(error)
-        raise RigError(f"{address}:{port} (epics.ca_port, epics.pva_port): {said.lower()}") from None
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise RigError(f"{address}:{port} (epics.ca_port, epics.pva_port): {reason.lower()}") from None
 
 
 def _begin(access: str) -> None:
-    """Start EPICS with an access list, its own lines on stderr. RigError where the list is not in force."""
+    """Start EPICS with an access list, its own lines on stderr. Raises RigError if the list is not in force."""
     from softioc import builder, imports, softioc
 
     from rig.epics.commands import InThreads
@@ -82,17 +83,17 @@ def _begin(access: str) -> None:
         imports.dbCore.asSetFilename(kept.name.encode())
         softioc.iocInit(InThreads())
     if not ctypes.c_int.in_dll(imports.Com, "asActive").value:
-        raise RigError("EPICS did not take the access list, so that anybody could write; see the lines above")
+        raise RigError("EPICS did not accept the access list, so that anybody could write; see the lines above")
 
 
 def _follow(place: Place, takes: list[Take], lost: Callable[[], None]) -> None:
-    """Pass on what the daemon tells, for ever; where it is away, say so and ask again."""
+    """Pass on the daemon's events for ever; while it is away, mark the records and try again."""
     while True:
         try:
             with Client(place()) as client:
-                for told in client.events(SILENCE_S):
+                for message in client.events(SILENCE_S):
                     for take in takes:
-                        take(told["event"], told["data"])
+                        take(message["event"], message["data"])
         except NoDaemon:
             lost()
         threading.Event().wait(AGAIN_S)
@@ -100,7 +101,7 @@ def _follow(place: Place, takes: list[Take], lost: Callable[[], None]) -> None:
 
 @contextlib.contextmanager
 def _ended_by_signal() -> Iterator[Callable[[], int]]:
-    """Gives a function that waits for INT, TERM, HUP or QUIT, and returns which one it was."""
+    """Yield a function that waits for INT, TERM, HUP or QUIT, and returns its number."""
     numbers = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT}
     received: list[int] = []
     there = threading.Event()
@@ -112,7 +113,7 @@ def _ended_by_signal() -> Iterator[Callable[[], int]]:
     before = {number: signal.signal(number, handle) for number in numbers}
 
     def wait() -> int:
-        while not there.wait(0.5):  # Python runs a signal's handler between two steps of its main thread
+        while not there.wait(0.5):  # Python runs signal handlers between two steps of its main thread
             pass
         return received[0]
 
@@ -125,7 +126,7 @@ def _ended_by_signal() -> Iterator[Callable[[], int]]:
 
 @contextlib.contextmanager
 def _stdout_to_stderr() -> Iterator[None]:
-    """EPICS greets on stdout, which belongs to whoever started this."""
+    """Redirect EPICS' greeting on stdout, which belongs to the caller, to stderr."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)

@@ -31,7 +31,7 @@ from rig.control.loop import Loop
 from rig.control.policies import Follow, temperature_now, warmed_up
 from rig.core.faults import fault
 from rig.core.outcome import Tripped
-from rig.drivers.heater_drive import cools
+from rig.drivers.controller import cools
 from rig.experiment.extended_model import plate_observer
 from rig.experiment.minor_loops import fitted_and_checked, minor_turning_points, transition_range
 from rig.experiment.pulses import check_same_plate, heat_by_pulses, plate_of_pulses

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
 
-from compensator.compiled import LOG
+from compensator import listeners
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import LawName
 from compensator.control.pid import PidGains
@@ -66,24 +65,11 @@ def _precompile_plate_fit() -> None:
     identify_plate(time_s, PLATE.simulate(25.0, time_s, current_A), current_A, lag=True)
 
 
-class _Lines(logging.Handler):
-    """Passes the compiler's lines on to whoever follows the experiment."""
-
-    def __init__(self, say: Callable[[str], None]) -> None:
-        super().__init__()
-        self._say = say
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Pass a line on."""
-        self._say(record.getMessage())
-
-
 @contextmanager
 def _reported(say: Callable[[str], None]) -> Iterator[None]:
     """Report through `say` that loops are compiled."""
-    lines = _Lines(say)
-    LOG.addHandler(lines)
+    listeners.append(say)
     try:
         yield
     finally:
-        LOG.removeHandler(lines)
+        listeners.remove(say)

@@ -17,7 +17,7 @@ from rig.config.configuration import Configuration
 from rig.config.target import Target
 from rig.control.law_units import LawUnits
 from rig.core.faults import Faults, fault
-from rig.drivers.heater_drive import OF_FULL_DRIVE
+from rig.drivers.controller import OF_FULL_DRIVE
 
 UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open; of two decades, whatever the output
 USUAL_K_PER_S = 1.0  # of a plate that nobody has measured yet

@@ -10,7 +10,8 @@ from compensator.control.whole_law import NOISES_K
 from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
 from rig.config.configuration import Configuration
-from rig.drivers.own_gains import OwnField, configured_pid, own_fields, set_pid
+from rig.drivers.controller import OwnField
+from rig.drivers.own_gains import configured_pid, own_fields, set_pid
 
 
 @dataclass(frozen=True)

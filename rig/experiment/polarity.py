@@ -24,10 +24,9 @@ from rig.control.decision import AT_THE_TICK, Decision, ReadAt
 from rig.control.loop import Loop
 from rig.core.outcome import Tripped
 from rig.core.reading import Reading
-from rig.drivers.heater_drive import cools
-from rig.safety.bench_watch import OFF, BenchWatch, Sent
+from rig.drivers.controller import cools
+from rig.safety.bench_watch import OFF, BenchWatch, Limits, Sent
 from rig.safety.first_plate import KnownPlate, first_plate
-from rig.safety.interlock import Limits
 
 REST_S = 1.5  # of readings at rest, from which noise and drift are told: fifteen at ten a second
 FEWEST = 5  # readings at rest

@@ -15,7 +15,7 @@ from rig.config.target import Target
 from rig.control.loop import Loop
 from rig.control.policies import CurrentProfile
 from rig.core.outcome import Tripped
-from rig.drivers.heater_drive import cools
+from rig.drivers.controller import cools
 from rig.records.run_folder import RunFolder
 from rig.safety.first_plate import OF_A_PULSE, OF_PULSES, KnownPlate
 from sim.inference.plate.fit import identify_plate

@@ -23,12 +23,12 @@ from rig.control.tick import Progress, Tick
 from rig.core.columns import OF_A_RUN
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
-from rig.drivers.heater_drive import drive_unit
+from rig.drivers.controller import drive_unit
 from rig.drivers.meter import LOG_RESISTANCE
-from rig.guard.line import say_who_died
+from rig.guard.pipe import add_guard_death
 from rig.records.run_folder import RunFolder, plain_json
-from rig.safety.after_off import NO_VOICE, looked_at
-from rig.safety.interlock import Limits
+from rig.safety.after_off import UNTRUSTED_THERMOMETER, check_temperature
+from rig.safety.bench_watch import Limits
 from rig.safety.signals import SignalStop
 from rig.safety.switching_off import off_confirmed
 
@@ -90,7 +90,7 @@ def recorded(
         if isinstance(error, Tripped):
             loop.tripped = error
         if isinstance(error, Stopped):
-            say_who_died(bench.guard, error)
+            add_guard_death(bench.guard, error)
         ended_s = loop.elapsed_s()
         try:
             if not isinstance(error, NotConfirmedOff):
@@ -140,17 +140,17 @@ def _look_after_off(
 
     Where somebody goes on reading when this run has ended, that is for them.
     """
-    if not output.confirmed or bench.watched_after or getattr(error, "cause", "") in NO_VOICE:
+    if not output.confirmed or bench.watched_after or getattr(error, "cause", "") in UNTRUSTED_THERMOMETER:
         return
-    courses, controller, clock = loop.after_off(), bench.controller, bench.clock
-    if courses is None:
+    curves, controller, clock = loop.after_off(), bench.controller, bench.clock
+    if curves is None:
         return
     if say is not None and error is not None:
-        watched = f"for up to {courses.lasts_s:.0f} s the temperature is watched, whether it agrees"
+        watched = f"for up to {curves.lasts_s:.0f} s the temperature is watched, whether it agrees"
         with suppress(OSError):  # nobody reads any more: the rows are still to be written
             say(f"{off_confirmed(controller)}; {watched}")
     dead_man_s = float(getattr(controller, "dead_man_s", 0.0)) if controller.has_dead_man else 0.0
-    look = looked_at(courses, controller, clock, clock.now_s(), dead_man_s)
+    look = check_temperature(curves, controller, clock, clock.now_s(), dead_man_s)
     if look.agrees is False:
         output.confirmed = False
         bench.guard.given_up()

@@ -24,7 +24,7 @@ from rig.control.loop import Loop
 from rig.control.policies import CurrentProfile, Follow, Setpoints
 from rig.control.tick import Progress, Tick
 from rig.core.faults import fault
-from rig.drivers.heater_drive import cools, drive_unit
+from rig.drivers.controller import cools, drive_unit
 from rig.drivers.meter import LOG_RESISTANCE, column_of
 from rig.experiment.calibration import Calibration, identify_calibration, record_calibration
 from rig.experiment.compiling import compile_ahead
@@ -37,7 +37,7 @@ from rig.experiment.steady_meter import allow_test_current, largest_test_current
 from rig.experiment.summaries import calibration_notes, calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.experiment.wanted import TRACKING, check_feasible, wanted
-from rig.guard.line import UNGUARDED, Guard
+from rig.guard.pipe import UNGUARDED, Guard
 from rig.records.record_file import write_columns
 from rig.records.run_folder import PREDICTED, RunFolder, default_folder, part_of, prepared_folder
 from rig.safety.plate_watch import watchable_rate_K_per_s

@@ -1,13 +1,4 @@
-"""The guard process: the parent of the process that holds the ports; it turns the output off when that one dies.
+"""The guard: a parent process that switches the output off when the process that holds the ports dies.
 
-    guarded(work)      forks: the child does the work and tells what it holds, this process waits and watches
-    Guard              what the working process tells its guard
-    UNGUARDED          the same where there is none
-
-Nothing here imports numpy or a configuration, so that the guard stays small: some 15 MB.
+`rig.guard.process.guarded(work)` forks; `rig.guard.pipe.Guard` is what the working process reports to.
 """
-
-from rig.guard.line import UNGUARDED, Guard, GuardGone
-from rig.guard.process import guarded
-
-__all__ = ["UNGUARDED", "Guard", "GuardGone", "guarded"]

@@ -1,4 +1,4 @@
-"""Reading the history: rows of a stretch of time, thinned to as many points as a picture needs."""
+"""Read the history: rows of a span of time, thinned to the points that a figure needs."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from pathlib import Path
 from typing import Any
 
 from rig.core.columns import KEPT
-from rig.history.tables import BUCKETS_S, connect_to_read
+from rig.history.store import BUCKETS_S, connect_to_read
 
-MOST_POINTS = 5000  # of a course: more than a screen has pixels side by side
+MOST_POINTS = 5000  # of a curve: more than a screen has pixels side by side
 SHOWN = tuple(name for name in KEPT if name != "meter_current_A")
-MOST_RAW = 200_000  # rows that are averaged for one answer; beyond, the roll-ups answer
-FEW_RAW = 20_000  # the same where the roll-ups are as fine as the picture
-LONGEST_STEP_S = 5.0  # between rows of the film's plane that a line may join
-STEPS_BETWEEN_LOOKS = 20_000  # of sqlite's machine, about a millisecond
+MOST_RAW = 200_000  # rows that are averaged for one answer; for more the roll-ups are read
+FEW_RAW = 20_000  # the same if the roll-ups are as fine as the figure
+LONGEST_STEP_S = 5.0  # between rows that a line in the (T, R) plane may join
+STEPS_BETWEEN_LOOKS = 20_000  # of SQLite's virtual machine, about a millisecond
 ROUND_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600)
 
 
 @contextmanager
 def _reading(path: Path, ends_s: float = math.inf) -> Iterator[sqlite3.Connection]:
-    """ends_s: the time.monotonic at which a question is given up (sqlite3.OperationalError)."""
+    """Open the history for reading; from ends_s (time.monotonic) on a query raises sqlite3.OperationalError."""
     connection = connect_to_read(path)
     connection.set_progress_handler(lambda: time.monotonic() >= ends_s, STEPS_BETWEEN_LOOKS)
     try:
@@ -35,20 +35,20 @@ def _reading(path: Path, ends_s: float = math.inf) -> Iterator[sqlite3.Connectio
         connection.close()
 
 
-def check_stretch(from_s: float, to_s: float) -> None:
-    """Raises ValueError where there is nothing between two times."""
+def check_span(from_s: float, to_s: float) -> None:
+    """Raise ValueError unless two times are finite and in order."""
     if not (math.isfinite(from_s) and math.isfinite(to_s) and from_s < to_s):
         raise ValueError("expected two finite times, from < to")
 
 
-def stretch(path: Path, from_s: float, to_s: float, points: int, ends_s: float = math.inf) -> dict[str, Any]:
-    """Columns from `from_s` to `to_s` (Unix seconds) in at most `points` buckets.
+def span(path: Path, from_s: float, to_s: float, points: int, ends_s: float = math.inf) -> dict[str, Any]:
+    """Return the columns from `from_s` to `to_s` (Unix seconds) in at most `points` buckets.
 
-    Raw rows (bucket_s 0) where they are few enough, else mean, low and high of a bucket of `bucket_s` seconds, from raw
-    rows or from the roll-ups. Raises sqlite3.Error, also where it is not done at `ends_s` (time.monotonic), and
-    ValueError for an empty stretch.
+    They are raw rows (bucket_s 0) if these are few enough, else mean, low and high of buckets of `bucket_s` seconds,
+    from raw rows or from the roll-ups. Raises sqlite3.Error, also if it is not done at `ends_s` (time.monotonic), and
+    ValueError for an empty span.
     """
-    check_stretch(from_s, to_s)
+    check_span(from_s, to_s)
     points = max(2, min(points, MOST_POINTS))
     with _reading(path, ends_s) as connection:
         rows = connection.execute(
@@ -68,7 +68,7 @@ def stretch(path: Path, from_s: float, to_s: float, points: int, ends_s: float =
 
 
 def _rounded(width_s: float) -> int:
-    """A width that people count in, at least as wide."""
+    """Return a round width, at least as wide."""
     for width in ROUND_S:
         if width >= width_s:
             return width
@@ -81,7 +81,7 @@ def _rolled_before(connection: sqlite3.Connection, time_s: float) -> int | None:
 
 
 def _rolled_until(connection: sqlite3.Connection, to_s: float) -> bool:
-    """Whether the roll-ups hold what is there before a time, but for the minutes under way."""
+    """Return True if the roll-ups contain all rows before a time, except for the last minutes."""
     last, newest = connection.execute(
         "SELECT (SELECT max(start_s) FROM minute), (SELECT max(time_s) FROM raw WHERE time_s <= ?)", (to_s,)
     ).fetchone()
@@ -131,7 +131,7 @@ def _buckets(found: list[tuple[Any, ...]], width_s: int) -> dict[str, Any]:
 
 
 def finite(value: float | None) -> float | None:
-    """JSON has neither infinity nor not-a-number."""
+    """Return the value, or None for infinity and not-a-number, which JSON lacks."""
     return value if value is not None and math.isfinite(value) else None
 
 
@@ -139,8 +139,7 @@ Point = tuple[float, float | None, float | None]  # time s, temperature degC, re
 
 
 def loop_points(path: Path, from_s: float, points: int) -> list[Point]:
-    """Points of the film's plane since a time, every so many rows that about `points` are left; where nobody read for
-    a while one with None, None, over which no line is to be drawn."""
+    """Return about `points` points of the (T, R) plane since a time; a gap is a point (time, None, None)."""
     with _reading(path) as connection:
         found = connection.execute(
             "SELECT time_s, temperature_degC, resistance_ohm FROM raw WHERE time_s >= ? "
@@ -149,15 +148,15 @@ def loop_points(path: Path, from_s: float, points: int) -> list[Point]:
         ).fetchall()
     step = max(1, math.ceil(len(found) / points))
     out: list[Point] = []
-    for stretch in _stretches(found):
+    for rows in _without_gaps(found):
         if out:
-            out.append((stretch[0][0], None, None))
-        out += stretch[:-1:step] + stretch[-1:]
+            out.append((rows[0][0], None, None))
+        out += rows[:-1:step] + rows[-1:]
     return out
 
 
-def _stretches(rows: list[tuple[float, float, float]]) -> Iterator[list[tuple[float, float, float]]]:
-    """Rows between gaps. A gap is longer than 5 s and than three of the steps on either side: a slow run has none."""
+def _without_gaps(rows: list[tuple[float, float, float]]) -> Iterator[list[tuple[float, float, float]]]:
+    """Yield the rows between gaps. A gap is longer than 5 s and than three of the steps on either side of it."""
     steps = [after[0] - before[0] for before, after in pairwise(rows)]
     first = 0
     for k, step_s in enumerate(steps):
@@ -170,14 +169,14 @@ def _stretches(rows: list[tuple[float, float, float]]) -> Iterator[list[tuple[fl
 
 
 def trips(path: Path, count: int = 50) -> list[dict[str, Any]]:
-    """The last trips with the rows around them and how they were cleared, the newest first."""
+    """Return the last trips with their rows and how they were cleared, the newest first."""
     with _reading(path) as connection:
         found = connection.execute("SELECT document FROM trip ORDER BY id DESC LIMIT ?", (count,)).fetchall()
     return [document for row in found if (document := _document(row[0])) is not None]
 
 
 def _document(text: str) -> dict[str, Any] | None:
-    """A document of JSON; None where the file was damaged there since it was opened."""
+    """Return a JSON object; None if the file was damaged there since it was opened."""
     try:
         found = json.loads(text)
     except ValueError:
@@ -186,7 +185,7 @@ def _document(text: str) -> dict[str, Any] | None:
 
 
 def temperatures(path: Path, after_s: float, most: int) -> list[tuple[float, float]]:
-    """(time s, temperature degC) after a time, in order."""
+    """Return (time s, temperature degC) after a time, in order."""
     with _reading(path) as connection:
         return connection.execute(
             "SELECT time_s, temperature_degC FROM raw WHERE time_s > ? AND temperature_degC IS NOT NULL "

@@ -1,46 +1,110 @@
-"""Writing the history: rows, jobs and trips, each committed when the call returns; roll-ups and retention.
+"""The history database: its tables, its one writer, and what happens to a damaged file.
 
-`aged_s` is the clock by which rows grow old (`rig.history.aging`), in Unix seconds.
+    raw           one row a control cycle: about one a second while idle, one every `period_s` in a run
+    minute, hour  mean, low and high of every quantity in a bucket; start_s is the bucket's begin
+    job, trip     JSON documents
+    kept          numbers that a restart needs: how far the roll-ups are, and the aging clock
+
+Times are Unix seconds: a label, never a basis of control. Not-a-number is NULL; an overrange resistance is infinite.
+`written_s` and `aged_s` are the clock by which rows grow old (`rig.history.aging`); NULL in rows of older programs.
 """
 
 from __future__ import annotations
 
+import contextlib
+import datetime
 import json
 import math
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rig.core.clock import DAY_S
 from rig.core.columns import KEPT
-from rig.history.damage import opened
-from rig.history.tables import BUCKETS_S, RAW_COLUMNS, ROLLED, VERSION_LATCHED, version
-from rig.history.trouble import stat_of
+from rig.core.errors import PortHeld
+from rig.core.file_lock import locked, tell_holder
+from rig.history.trouble import SIDE_FILES, stat_of, trouble_of
 
+WORDS = ("quality", "phase", "job")
+RAW_COLUMNS = ("time_s", *KEPT, *WORDS)
+BUCKETS_S = {"minute": 60, "hour": 3600}  # width of a roll-up's bucket, s
+ROLLED = tuple(f"{name}_{of}" for name in KEPT for of in ("mean", "low", "high"))
+COLUMNS = {  # without written_s, which tables of older programs lack
+    "raw": ("id", *RAW_COLUMNS),
+    **dict.fromkeys(BUCKETS_S, ("start_s", "count", *ROLLED)),
+    "job": ("id", "queued_s", "document"),
+    "trip": ("id", "at_s", "document"),
+    "kept": ("name", "value"),
+}
+# PRAGMA user_version; the second: the same tables, and the latch had a file of its own when this was written
+VERSION, VERSION_LATCHED = 1, 2
+BUSY_S, WRITER_BUSY_S = 5.0, 0.5  # for which a question waits for a lock, and a write, which is tried again soon
 DELETED_AT_ONCE = 5000  # rows: a deletion must not hold up the next row for long
 KEPT_JOBS = 2000
 AGED = "aged_s"
+LOCK = "history.lock"  # in the folder; it contains the process number of its holder
+READABLE = 0o644  # by other users too, whose daemon then reports the holder
 _INSERT = f"INSERT INTO raw ({', '.join(RAW_COLUMNS)}, written_s) VALUES ({', '.join('?' * (len(RAW_COLUMNS) + 1))})"
 
 
 @dataclass(frozen=True)
 class Retention:
-    """How long rows, minutes and hours are kept, days."""
+    """Days for which rows, minutes and hours are kept."""
 
     raw_days: float = 30.0
     minute_days: float = 400.0
     hour_days: float = 4000.0
 
 
-class Store:
-    """The history's one writer. Every method raises sqlite3.Error where the disk is full or gone.
+class FolderLock:
+    """The right to write into a folder, from `take` to `close`.
 
-    damage: what was wrong with the file that was there, None where it was whole; has_latch: whether the latch has had a
-    file of its own since this history was begun, or was last written by a program that knew of it.
+    There are two locks, because each may be impossible: a full disk has no room for the file, and some network file
+    systems lock no folders. One that somebody else holds is enough for a refusal.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._descriptors: list[int] = []
+        self._locked: os.stat_result | None = None  # the folder
+
+    def take(self) -> None:
+        """Take the locks, unless they are held and the folder is still the same. Raises PortHeld, or OSError if no lock
+        is possible."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        folder = os.stat(self._folder)
+        if self._descriptors and self._locked is not None and os.path.samestat(folder, self._locked):
+            return
+        self.close()
+        self._locked = folder
+        failure: OSError | None = None
+        for path in (self._folder, self._folder / LOCK):
+            try:
+                self._descriptors.append(locked(path, str(self._folder), self._folder / LOCK, READABLE))
+            except PortHeld:
+                self.close()
+                raise
+            except OSError as error:
+                failure = error
+        if not self._descriptors and failure is not None:
+            raise failure
+        tell_holder(self._folder / LOCK)
+
+    def close(self) -> None:
+        """Release the locks."""
+        for descriptor in self._descriptors:
+            os.close(descriptor)
+        self._descriptors = []
+
+
+class Store:
+    """The history's one writer. Every method raises sqlite3.Error if the disk is full or gone.
+
+    damage: what was wrong with the file, None if it was whole. has_latch: True if the latch has had a file of its own
+    since this history was begun, or was last written by a program that knew of it.
     """
 
     def __init__(self, path: Path, retention: Retention) -> None:
@@ -48,12 +112,11 @@ class Store:
         self._retention = retention
         self._connection, self.damage = opened(path)
         self._files = self._stats()
-        self.has_latch = version(self._connection) >= VERSION_LATCHED
+        self.has_latch = _version(self._connection) >= VERSION_LATCHED
         self._rolled: dict[str, int] = {}  # bucket that is open now
 
     def in_place(self) -> bool:
-        """Whether its file and its log still are those of their names: one that was moved or deleted takes rows without
-        a word."""
+        """Return True if file and log are still those of their names: a moved or deleted one takes rows silently."""
         pairs = zip(self._files, self._stats(), strict=True)
         return all(was is None or (now is not None and os.path.samestat(was, now)) for was, now in pairs)
 
@@ -61,23 +124,23 @@ class Store:
         return [stat_of(Path(f"{self.path}{ending}")) for ending in ("", "-wal")]
 
     def log_bytes(self) -> int:
-        """The size of its log; 0 where it has none."""
+        """Return the size of the write-ahead log; 0 if there is none."""
         log = self._stats()[1]
         return log.st_size if log is not None else 0
 
     def add(self, rows: Iterable[dict[str, Any]], aged_s: float | None = None) -> None:
-        """Commit rows, {column: value} each; columns that a row lacks are NULL."""
+        """Commit rows, {column: value} each; missing columns are NULL."""
         values = [(*(_plain(row.get(name)) for name in RAW_COLUMNS), aged_s) for row in rows]
         with self._transaction():
             self._connection.executemany(_INSERT, values)
 
     def mark_latch(self) -> None:
-        """The latch has a file of its own from now on."""
+        """Note that the latch has a file of its own from now on."""
         self._connection.execute(f"PRAGMA user_version = {VERSION_LATCHED}")
         self.has_latch = True
 
     def save_job(self, job: dict[str, Any]) -> None:
-        """A job as it is now, by its id."""
+        """Save a job by its id."""
         self._connection.execute(
             "INSERT INTO job (id, queued_s, document) VALUES (?, ?, ?) "
             "ON CONFLICT (id) DO UPDATE SET document = excluded.document",
@@ -85,7 +148,7 @@ class Store:
         )
 
     def save_trip(self, trip: dict[str, Any], number: int | None = None) -> int:
-        """A trip with the rows around it, or how it was cleared; returns its number."""
+        """Save a trip, new or (by its number) changed; return its number."""
         cursor = self._connection.execute(
             "INSERT INTO trip (id, at_s, document) VALUES (?, ?, ?) "
             "ON CONFLICT (id) DO UPDATE SET document = excluded.document",
@@ -94,26 +157,26 @@ class Store:
         return number if number is not None else int(cursor.lastrowid or 0)
 
     def jobs(self, count: int = 200) -> list[dict[str, Any]]:
-        """The last jobs, the oldest first."""
+        """Return the last jobs, the oldest first."""
         found = self._connection.execute("SELECT document FROM job ORDER BY rowid DESC LIMIT ?", (count,))
         return [json.loads(row[0]) for row in found][::-1]
 
     def last_trip(self) -> tuple[int, dict[str, Any]] | None:
-        """The newest trip with its number."""
+        """Return the newest trip with its number."""
         row = self._connection.execute("SELECT id, document FROM trip ORDER BY id DESC LIMIT 1").fetchone()
         return (int(row[0]), json.loads(row[1])) if row else None
 
     def last_label_s(self) -> float | None:
-        """The label of the row that was written last, by whatever clock; None where there is none."""
+        """Return the time of the row that was written last; None if there is none."""
         row = self._connection.execute("SELECT time_s FROM raw ORDER BY id DESC LIMIT 1").fetchone()
         return float(row[0]) if row else None
 
     def aged_s(self) -> float | None:
-        """The aged clock when it was last kept; None in a history that has none yet."""
+        """Return the aging clock as last saved; None in a history that has none yet."""
         return self._number(AGED)
 
     def roll_up(self, now_s: float, everything: bool = False, aged_s: float | None = None) -> None:
-        """Bring minutes and hours up to date; buckets are computed anew from raw rows, so that a kill loses none."""
+        """Bring minutes and hours up to date. Buckets are computed from raw rows again, so that a kill loses none."""
         for table, width_s in BUCKETS_S.items():
             bucket = int(now_s // width_s) * width_s
             if self._rolled.get(table) == bucket and not everything:
@@ -123,9 +186,9 @@ class Store:
             self._rolled[table] = bucket
 
     def _roll(self, table: str, width_s: int, aged_s: float | None) -> None:
-        """Every bucket that got a row since the last time, wherever a clock that jumped has put it.
+        """Compute every bucket that got a row since the last time, wherever a clock that jumped has put it.
 
-        A bucket from which retention may have taken rows stays as it is: computed anew it would lose them.
+        A bucket from which retention may have deleted rows stays as it is: computed again it would lose them.
         """
         last = self._connection.execute("SELECT max(id) FROM raw").fetchone()[0]
         if last is None:
@@ -148,7 +211,7 @@ class Store:
         self._keep_number(f"rolled_{table}", last)
 
     def _rolled_up_to(self, table: str) -> int:
-        """The id of the last row that is in this roll-up."""
+        """Return the id of the last row in a roll-up."""
         known = self._number(f"rolled_{table}")
         if known is not None:
             return int(known)
@@ -158,10 +221,10 @@ class Store:
         return int(first) - 1 if first is not None else 0
 
     def retain(self, now_s: float, aged_s: float | None = None) -> int:
-        """Delete what is older than it is kept, a part at a time; returns how many rows went.
+        """Delete some of the rows that are too old; return how many.
 
-        Older by its label and by when it was written, at the earlier of the two clocks: the time of day, now_s, and the
-        aged one.
+        A row is too old by its label and by its time of writing, at the earlier of two clocks: the time of day, now_s,
+        and the aging clock.
         """
         keep = self._retention
         earlier_s = now_s if aged_s is None else min(now_s, aged_s)
@@ -185,15 +248,15 @@ class Store:
         return gone
 
     def limit_size(self, pages: int) -> None:
-        """Let the file grow to so many pages of 4 KiB and no further, as a full disk would (for tests)."""
+        """Let the file grow to so many pages of 4 KiB, as on a full disk (for tests)."""
         self._connection.execute(f"PRAGMA max_page_count = {pages}")
 
     def close(self) -> None:
-        """Close the file; never raises. Its log is emptied before: SQLite leaves that of a file that was moved where it
-        is, with rows in it that are nowhere else."""
-        with suppress(sqlite3.Error):
+        """Close the file; never raises. The log is emptied first: SQLite would leave that of a moved file behind, with
+        rows that are nowhere else."""
+        with contextlib.suppress(sqlite3.Error):
             self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        with suppress(sqlite3.Error):
+        with contextlib.suppress(sqlite3.Error):
             self._connection.close()
 
     def _number(self, name: str) -> float | None:
@@ -203,27 +266,127 @@ class Store:
     def _keep_number(self, name: str, value: float) -> None:
         self._connection.execute("INSERT OR REPLACE INTO kept (name, value) VALUES (?, ?)", (name, value))
 
-    @contextmanager
+    @contextlib.contextmanager
     def _transaction(self) -> Iterator[None]:
-        """All of it, or nothing where it fails."""
+        """Commit all of it, or nothing."""
         self._connection.execute("BEGIN IMMEDIATE")
         try:
             yield
             self._connection.execute("COMMIT")
         except BaseException:
-            self._roll_back()
+            if self._connection.in_transaction:
+                with contextlib.suppress(sqlite3.Error):
+                    self._connection.execute("ROLLBACK")
             raise
-
-    def _roll_back(self) -> None:
-        if self._connection.in_transaction:
-            try:
-                self._connection.execute("ROLLBACK")
-            except sqlite3.Error:
-                return
 
 
 def _plain(value: Any) -> Any:
-    """Not-a-number is NULL."""
-    if isinstance(value, float) and math.isnan(value):
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def opened(path: Path) -> tuple[sqlite3.Connection, str | None]:
+    """Return a connection to write with, and what was wrong with the file; None if it was whole.
+
+    A damaged file is put aside and a new one begun. Raises sqlite3.Error or OSError if not even that is possible.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fault = what_is_wrong(path)
+    if fault is not None:
+        aside = _put_aside(path)
+        fault = f"history: {path.name} was damaged ({fault}); it is kept as {aside.name} and a new one was begun"
+    try:
+        connection = connect_to_write(path)
+        _create_tables(connection)
+    except sqlite3.Error as error:
+        if fault is None:
+            raise
+        raise sqlite3.OperationalError(f"{fault}, which failed: {error}") from None
+    return connection, fault
+
+
+def what_is_wrong(path: Path) -> str | None:
+    """Return the fault that SQLite's quick check finds; None if the file is whole or missing."""
+    if not path.exists():
         return None
-    return value
+    connection: sqlite3.Connection | None = None
+    try:
+        connection = connect_to_write(path)  # recovers a log that a killed writer left
+        connection.execute("BEGIN IMMEDIATE")  # a lock is found before the long check
+        connection.execute("ROLLBACK")
+        lines = [str(row[0]) for row in connection.execute("PRAGMA quick_check(5)")]
+        return _not_ours(connection) if lines == ["ok"] else "; ".join(lines)[:300]
+    except (sqlite3.DatabaseError, ValueError) as error:
+        if isinstance(error, sqlite3.DatabaseError) and not trouble_of(error, path).damage:
+            raise
+        return str(error)
+    finally:
+        if connection is not None:
+            with contextlib.suppress(sqlite3.Error):
+                connection.close()
+
+
+def _not_ours(connection: sqlite3.Connection) -> str | None:
+    """Return the columns that a whole database lacks to be a history. Raises ValueError for a broken document."""
+    for table, expected in COLUMNS.items():
+        there = {str(row[1]) for row in connection.execute(f"PRAGMA table_info({table})")}
+        if there and not there.issuperset(expected):
+            return f"its table {table} lacks {', '.join(sorted(set(expected) - there))}"
+        if there and "document" in expected:
+            for (document,) in connection.execute(f"SELECT document FROM {table}"):
+                json.loads(document)
+    return None
+
+
+def _put_aside(path: Path) -> Path:
+    now = datetime.datetime.now(datetime.UTC)
+    aside = path.with_name(f"{path.name}.damaged-{now:%Y%m%dT%H%M%S%f}Z")
+    for ending in SIDE_FILES:
+        part = path.with_name(path.name + ending)
+        if part.exists():
+            part.rename(aside.with_name(aside.name + ending))
+    return aside
+
+
+def _create_tables(connection: sqlite3.Connection) -> None:
+    """Create missing tables. Raises sqlite3.Error."""
+    quantities, words, rolled = (
+        ", ".join(f"{name} {kind}" for name in names)
+        for names, kind in ((KEPT, "REAL"), (WORDS, "TEXT"), (ROLLED, "REAL"))
+    )
+    tables = {
+        "raw": f"id INTEGER PRIMARY KEY, time_s REAL NOT NULL, {quantities}, {words}, written_s REAL",
+        **dict.fromkeys(BUCKETS_S, f"start_s INTEGER PRIMARY KEY, count INTEGER NOT NULL, {rolled}, written_s REAL"),
+        "job": "id TEXT PRIMARY KEY, queued_s REAL NOT NULL, document TEXT",
+        "trip": "id INTEGER PRIMARY KEY, at_s REAL NOT NULL, document TEXT",
+        "kept": "name TEXT PRIMARY KEY, value REAL NOT NULL",
+    }
+    for name, columns in tables.items():
+        connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({columns})")
+    connection.execute("CREATE INDEX IF NOT EXISTS raw_time ON raw (time_s)")
+    for name in ("raw", *BUCKETS_S):
+        if "written_s" not in {row[1] for row in connection.execute(f"PRAGMA table_info({name})")}:
+            connection.execute(f"ALTER TABLE {name} ADD COLUMN written_s REAL")  # of an older program
+    if _version(connection) < VERSION:
+        connection.execute(f"PRAGMA user_version = {VERSION}")
+
+
+def _version(connection: sqlite3.Connection) -> int:
+    return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
+def connect_to_write(path: Path) -> sqlite3.Connection:
+    """Return the writer's connection: WAL, every statement its own transaction unless one is begun.
+
+    synchronous = NORMAL: a commit survives the end of the process at any moment; a power cut may take the last second.
+    """
+    connection = sqlite3.connect(path, timeout=WRITER_BUSY_S, isolation_level=None, check_same_thread=False)
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = NORMAL")
+    connection.execute("PRAGMA journal_size_limit = 33554432")
+    return connection
+
+
+def connect_to_read(path: Path) -> sqlite3.Connection:
+    """Return a connection that cannot write; a writer at the same time is fine."""
+    address = f"{path.absolute().as_uri()}?mode=ro"  # a folder's name may contain ?, # and %
+    return sqlite3.connect(address, uri=True, timeout=BUSY_S, check_same_thread=False)

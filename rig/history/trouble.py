@@ -1,6 +1,6 @@
-"""What stands in the way of the history, in words: a lock, which passes, told from a full disk and the like.
+"""Classify errors of the history database, in words: a lock, which passes, a full disk, damage.
 
-SQLite's result codes, https://www.sqlite.org/rescode.html; the bytes that it locks in `-shm`,
+SQLite's result codes, https://www.sqlite.org/rescode.html; the bytes locked in `-shm`,
 https://www.sqlite.org/walformat.html#wal_locks; the lines of /proc/locks, proc_locks(5).
 """
 
@@ -24,8 +24,8 @@ BY_TEXT = {"locked": sqlite3.SQLITE_BUSY, "full": sqlite3.SQLITE_FULL, "readonly
 
 @dataclass(frozen=True)
 class Trouble:
-    """text: what is wrong, where, and what to do; passes: rows wait for it, and no run is ended; anew: the file is to
-    be opened anew; damage: it is no history that could be read."""
+    """An error of the history. text: what, where, what to do; passes: rows wait, and no run is ended; anew: the file
+    has to be opened again; damage: it is no readable history."""
 
     text: str
     passes: bool = False
@@ -34,9 +34,9 @@ class Trouble:
 
 
 def trouble_of(error: sqlite3.Error | OSError, path: Path) -> Trouble:
-    """What an error says of the history at `path`."""
+    """Return the trouble behind an error of the history at `path`."""
     code = getattr(error, "sqlite_errorcode", None)
-    if code is None:  # Python's own words for what SQLite said
+    if code is None:  # an exception of Python's own
         code = next((number for word, number in BY_TEXT.items() if word in str(error)), None)
     if code in NO_LOCKS:
         do = "set serve.folder to a folder on a disk of this computer"
@@ -57,12 +57,12 @@ def trouble_of(error: sqlite3.Error | OSError, path: Path) -> Trouble:
 
 
 def who_locks(path: Path) -> str:
-    """Which other processes have the history locked for writing, in words; "" where none is found. Linux only."""
+    """Return the other processes that have the history locked for writing, in words; "" if none is found (Linux)."""
     return _in_words(path, SIDE_FILES, "WRITE", range(1 << 62))
 
 
 def who_reads(path: Path) -> str:
-    """Which other processes are in the middle of reading the history, in words; "" where none is found. Linux only."""
+    """Return the other processes that are reading the history, in words; "" if none is found (Linux)."""
     return _in_words(path, ("-shm",), "READ", READ_MARKS)
 
 
@@ -77,11 +77,11 @@ def _in_words(path: Path, endings: tuple[str, ...], how: str, at: range) -> str:
 
 
 def _locks() -> Iterator[tuple[int, str, int, int]]:
-    """(process, "READ" or "WRITE", inode, first byte) of each lock on this computer."""
+    """Yield (process, "READ" or "WRITE", inode, first byte) of each lock on this computer."""
     with contextlib.suppress(OSError, ValueError, IndexError):
         for line in Path("/proc/locks").read_text().splitlines():
             words = line.split()
-            if "->" not in words:  # these wait for the lock
+            if "->" not in words:  # those with an arrow wait for the lock
                 yield int(words[4]), words[3], int(words[5].rsplit(":", 1)[1]), int(words[6])
 
 
@@ -93,7 +93,7 @@ def _command(process: int) -> str:
 
 
 def stat_of(path: Path) -> os.stat_result | None:
-    """What the file system says of a file; None where it is not there."""
+    """Return the status of a file; None if there is none."""
     try:
         return os.stat(path)
     except OSError:

@@ -28,8 +28,8 @@ from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, settled_reading
 from rig.experiment.session import Session, calibrate, run_on
 from rig.experiment.wanted import wanted
-from rig.guard.line import UNGUARDED
 from rig.guard.needed import require_who_switches_off
+from rig.guard.pipe import UNGUARDED
 from rig.notebook.configuration import tables_of, text_of
 from rig.records.record import Record
 from rig.records.record_file import read_record

@@ -15,17 +15,25 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Mount, Route
 
+from rig.daemon.announcer import sent_event
 from rig.overview.bench import Bench
 from rig.overview.configuration import Overview
 from rig.overview.exchange import Unanswered
 from rig.page import OVERVIEW, STATIC
 from rig.version import __version__
-from rig.web.bench_link import Viewer, sent_event
-from rig.web.names import Names
-from rig.web.page_files import PageFiles
-from rig.web.protection import Protection, Sessions
-from rig.web.replies import LONGEST_NAME, Refusal, failed, given, refused, said
-from rig.web.viewing import session_begun, streamed
+from rig.web.page_server import (
+    LONGEST_NAME,
+    PageFiles,
+    Refusal,
+    Viewer,
+    begin_session,
+    events_reply,
+    json_reply,
+    object_in,
+    refusal_reply,
+    refused,
+)
+from rig.web.protection import Names, Protection, Sessions
 
 TELL_S = 0.25  # what changes within this goes out together
 NO_ANSWER = 502
@@ -47,29 +55,29 @@ class Benches:
 
     async def state(self, request: Request) -> Response:
         """The same, for who asks."""
-        return said(self.current())
+        return json_reply(self.current())
 
     async def events(self, request: Request) -> Response:
         """The same as it changes, until the viewer goes."""
-        return streamed(self._viewers, self.current)
+        return events_reply(self._viewers, self.current)
 
     async def stop(self, request: Request) -> Response:
         """STOP to one bench, by its name; the answer is the bench's own."""
-        body = await given(request)
+        body = await object_in(request)
         bench = self._benches.get(str(body.get("bench")))
         if bench is None:
-            return failed(404, f"bench: expected one of {', '.join(self._benches)}")
+            return refusal_reply(404, f"bench: expected one of {', '.join(self._benches)}")
         press = body.get("press")
         name = press[:LONGEST_NAME] if isinstance(press, str) else secrets.token_urlsafe(12)
         try:
             status, answer = await bench.stop(name)
         except Unanswered as error:
-            return failed(NO_ANSWER, f"{bench.name} does not answer: {error}")
-        return said(answer, status)
+            return refusal_reply(NO_ANSWER, f"{bench.name} does not answer: {error}")
+        return json_reply(answer, status)
 
     async def session(self, request: Request) -> Response:
         """A cookie for who knows the token."""
-        return await session_begun(request, self._sessions)
+        return await begin_session(request, self._sessions)
 
     @contextlib.asynccontextmanager
     async def watched(self, app: Starlette) -> AsyncIterator[None]:

@@ -21,7 +21,7 @@ from pydantic import AfterValidator, Field, SecretStr, model_validator
 from rig.config.schema import HostName, Table, validate
 from rig.config.toml_file import parsed_toml, read_text
 from rig.core.faults import fault
-from rig.web.names import LOOPBACK
+from rig.web.protection import LOOPBACK
 
 MOST_BENCHES = 200  # on one page: beyond that nobody looks at all of them
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from rig.daemon.listening import listening, why_not
+from rig.daemon.web_process import listening, why_not
 from rig.overview.app import application
 from rig.overview.configuration import Overview
-from rig.web.serving import PAGE_CONNECTIONS, serve_and_close, server_of
+from rig.web.server import PAGE_CONNECTIONS, serve_and_close, server_of
 
 
 async def serve(content: Overview, told: Callable[[str], None]) -> int:

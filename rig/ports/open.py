@@ -10,7 +10,7 @@ from pathlib import Path
 
 import serial
 
-import rig.ports.registry  # noqa: F401 - tells pyserial of sim://
+import rig.ports.protocol_sim  # noqa: F401 - makes sim:// and visa:// known to pyserial
 from rig.core.errors import Disconnected, PortHeld
 from rig.ports.transport import GONE
 
@@ -31,11 +31,11 @@ class LineSettings:
 
     @property
     def byte_s(self) -> float:
-        """Time of one character on the wire, s: its start, data, parity and stop bits."""
+        """Return the time of one character on the wire, s: its start, data, parity and stop bits."""
         return (1 + self.bytesize + (self.parity != "N") + self.stopbits) / self.baudrate
 
     def framed(self, framing: str) -> LineSettings:
-        """The same with another framing, in words such as "7E2" or "8N1"; ValueError where it is none."""
+        """Return the same with another framing, such as "7E2" or "8N1"; ValueError if it is none."""
         if len(framing) != 3 or framing[0] not in "78" or framing[1] not in "NEO" or framing[2] not in "12":
             raise ValueError(f"framing {framing!r}: 7 or 8, N, E or O, 1 or 2 is expected, as in '8N1'")
         return replace(self, bytesize=int(framing[0]), parity=framing[1], stopbits=int(framing[2]))
@@ -44,7 +44,7 @@ class LineSettings:
 def open_port(port: str, settings: LineSettings) -> serial.SerialBase:
     """Open whatever pyserial opens (/dev/ttyUSB0, COM3, socket://host:port, sim://NAME), exclusively.
 
-    PortHeld where another process has it, Disconnected where it is not there.
+    PortHeld if another process has it, Disconnected if it is not there.
     """
     settings = settings_at(port, settings)
     try:
@@ -71,10 +71,10 @@ def open_port(port: str, settings: LineSettings) -> serial.SerialBase:
 
 
 def settings_at(port: str, settings: LineSettings) -> LineSettings:
-    """The settings that can be set at a port.
+    """Return the settings that can be set at a port.
 
     Linux refuses parity and seven bits at a pseudo-terminal (EINVAL), such as `peltier emulate` serves; characters pass
-    there as they are.
+    there unchanged.
     """
     if os.path.realpath(port).startswith("/dev/pts/"):
         return replace(settings, bytesize=8, parity="N")
@@ -89,11 +89,11 @@ def _is_lock(error: BaseException) -> bool:
 
 
 def holder(port: str) -> tuple[int | None, str]:
-    """Process number and command line of who has `port` locked; (None, "") where that cannot be found out.
+    """Return process number and command line of the process that has `port` locked; (None, "") if it is unknown.
 
-    Linux only: /proc tells who has the device open, and which of those descriptors carries the lock. Other
-    users' processes do not show theirs. What stands at the far end of a pseudo-terminal, such as `peltier emulate`,
-    does not hold it.
+    Linux only: /proc shows who has the device open, and which of those descriptors carries the lock. Other users'
+    processes do not show theirs. The process at the far end of a pseudo-terminal, such as `peltier emulate`, does not
+    hold it.
     """
     if port.startswith("sim://"):
         return os.getpid(), "this process"
@@ -105,14 +105,16 @@ def holder(port: str) -> tuple[int | None, str]:
 
 
 def open_elsewhere(port: str) -> list[tuple[int, str]]:
-    """Process number and command line of each other process that has `port` open without a lock, as many programs
-    open one: it can command the instrument, or take the answers to us. Linux only, as `holder` is."""
+    """Return process number and command line of each other process that has `port` open without a lock.
+
+    Many programs open a port like that; they can command the instrument, or take our answers. Linux only, as `holder`.
+    """
     found = [] if port.startswith("sim://") else _have_open(port)
     return [(process, _command(process)) for process, locked in found if not locked and process != os.getpid()]
 
 
 def _have_open(port: str) -> list[tuple[int, bool]]:
-    """The processes that have a device open, each with whether it has the lock on it."""
+    """Return the processes that have a device open, each with whether it has the lock on it."""
     try:
         device = os.path.realpath(port)
         processes = [int(entry) for entry in os.listdir("/proc") if entry.isdigit()]
@@ -129,14 +131,14 @@ def _have_open(port: str) -> list[tuple[int, bool]]:
 
 
 def is_still_trying(process: int) -> bool:
-    """Whether a process is one that still tries to switch an output off (`rig.guard.keep_trying`)."""
+    """Return True for a process that still tries to switch an output off (`rig.guard.takeover`)."""
     with contextlib.suppress(OSError):
         return Path(f"/proc/{process}/comm").read_text().strip() == STILL_TRYING
     return False
 
 
 def _is_far_end(process: int, device: str) -> bool:
-    """Whether a process serves the pseudo-terminal `device`: it has the master of that number."""
+    """Return True if a process serves the pseudo-terminal `device`: it has the master of that number."""
     directory, _, number = device.rpartition("/")
     if directory != "/dev/pts":
         return False

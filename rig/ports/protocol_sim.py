@@ -1,27 +1,60 @@
-"""pyserial's handler of `sim://NAME`: a serial port whose far end is an emulated instrument in this process.
+"""Simulated ports: `sim://NAME` is a serial port whose far end is an emulated instrument in this process.
 
-pyserial finds this module by its name, `protocol_` and the scheme, through `protocol_handler_packages`.
-Anything that takes a pyserial port can use it: our transport, PyMeasure's SerialAdapter, PyVISA-py
-(`ASRLsim://NAME::INSTR`). A read that blocks sleeps on the clock registered with the instrument: in virtual
-time it jumps to the next byte.
+pyserial finds this module by its name, `protocol_` and the scheme, through `protocol_handler_packages`. Anything that
+takes a pyserial port can use it: our transport, PyMeasure's SerialAdapter, PyVISA-py (`ASRLsim://NAME::INSTR`). A read
+that blocks sleeps on the clock registered with the instrument: in virtual time it jumps to the next byte.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import inf
 from typing import Any
 
+import serial
 from serial.serialutil import PortNotOpenError, SerialBase, SerialException
 
 from rig.core.clock import Clock, RealClock
-from rig.ports.registry import Line, look_up
 from sim.instruments.instrument import Instrument
 
-PATIENCE_S = 0.02  # longest real sleep at once, so that cancel_read is heard
+if __package__ not in serial.protocol_handler_packages:  # "rig.ports", where this module and protocol_visa are
+    serial.protocol_handler_packages.append(__package__)
+
+LONGEST_SLEEP_S = 0.02  # in real time, so that cancel_read is noticed
+
+
+@dataclass(slots=True)
+class Line:
+    """An instrument with the clock by which its port blocks, and the port that holds it exclusively."""
+
+    instrument: Instrument
+    clock: Clock
+    holder: Any = None
+
+
+_lines: dict[str, Line] = {}
+
+
+def register(name: str, instrument: Instrument, clock: Clock) -> str:
+    """Make `instrument` answer at `sim://name`; return that address. ValueError for a name that is taken."""
+    if name in _lines:
+        raise ValueError(f"sim://{name} is registered already")
+    _lines[name] = Line(instrument, clock)
+    return f"sim://{name}"
+
+
+def unregister(name: str) -> None:
+    """Pull the plug: open ports find no instrument from now on."""
+    _lines.pop(name, None)
+
+
+def look_up(name: str) -> Line | None:
+    """Return the line of `sim://name`, if it is registered."""
+    return _lines.get(name)
 
 
 class Serial(SerialBase):
-    """The port. Line settings are kept but change nothing: the emulator has its own baud rate."""
+    """A simulated port. Line settings are kept but change nothing: the emulator has its own baud rate."""
 
     _line: Line | None = None
     _instrument: Instrument
@@ -30,7 +63,7 @@ class Serial(SerialBase):
     _cancelled = False
 
     def open(self) -> None:
-        """Connect; SerialException where nothing is registered, or the port is held exclusively."""
+        """Connect; SerialException if nothing is registered, or the port is held exclusively."""
         if self.is_open:
             raise SerialException("Port is already open.")
         url = str(self.portstr)
@@ -57,7 +90,7 @@ class Serial(SerialBase):
 
     @property
     def timeout(self) -> float | None:
-        """How long a read blocks, s; None for ever."""
+        """Return how long a read blocks, s; None for ever."""
         return self._timeout
 
     @timeout.setter
@@ -74,16 +107,13 @@ class Serial(SerialBase):
 
     @property
     def in_waiting(self) -> int:
-        """How many bytes can be read without blocking."""
+        """Return how many bytes can be read without blocking."""
         self._require_line()
         self._buffer += self._instrument.transmit(self._clock.now_s())
         return len(self._buffer)
 
     def read(self, size: int = 1, /) -> bytes:
-        """Up to `size` bytes; fewer where the time-out ends first.
-
-        In virtual time a read that would block for ever raises SerialException instead.
-        """
+        """Return up to `size` bytes, fewer if the time-out ends first; SerialException for ever in virtual time."""
         self._require_line()
         buffer = self._buffer
         if len(buffer) < size:
@@ -105,7 +135,7 @@ class Serial(SerialBase):
             next_s = instrument.next_transmit_s()
             wake_s = deadline_s if next_s is None or next_s > deadline_s else next_s
             if real:
-                wake_s = min(wake_s, now_s + PATIENCE_S)
+                wake_s = min(wake_s, now_s + LONGEST_SLEEP_S)
                 self._require_line()
             elif wake_s == inf:
                 raise SerialException("nothing is under way, and the read has no time-out: it would block for ever")
@@ -117,14 +147,11 @@ class Serial(SerialBase):
         self._cancelled = True
 
     def write(self, data: Any, /) -> int:
-        """Hand `data` to the instrument; it takes no time here, but on the emulated wire."""
+        """Hand `data` to the instrument; it takes no time here, but time on the emulated wire."""
         self._require_line()
         data = bytes(data)
         self._instrument.receive(data, self._clock.now_s())
         return len(data)
-
-    def flush(self) -> None:
-        """Nothing is held back."""
 
     def reset_input_buffer(self) -> None:
         """Discard what has arrived by now."""
@@ -133,38 +160,9 @@ class Serial(SerialBase):
         self._buffer = b""
 
     def reset_output_buffer(self) -> None:
-        """Nothing is held back."""
+        """Do nothing: no byte is held back."""
 
-    @property
-    def out_waiting(self) -> int:
-        """Nothing is held back."""
-        return 0
-
-    def _update_rts_state(self) -> None:
-        pass
-
-    def _update_dtr_state(self) -> None:
-        pass
-
-    def _update_break_state(self) -> None:
-        pass
-
-    @property
-    def cts(self) -> bool:
-        """Clear to send: always."""
-        return True
-
-    @property
-    def dsr(self) -> bool:
-        """Data set ready: always."""
-        return True
-
-    @property
-    def ri(self) -> bool:
-        """Ring indicator: never."""
-        return False
-
-    @property
-    def cd(self) -> bool:
-        """Carrier detect: always."""
-        return True
+    flush = _update_rts_state = _update_dtr_state = _update_break_state = reset_output_buffer
+    out_waiting = 0
+    cts = dsr = cd = True
+    ri = False

@@ -6,7 +6,7 @@ pyserial finds this module by its name, `protocol_` and the scheme, so that what
 needs the extra `visa` (PyVISA, and PyVISA-py where no maker's VISA library is installed; `PYVISA_LIBRARY` chooses).
 
 On these buses a message has an end of its own and an instrument speaks when it is asked: lines go out one by one with
-the bus's END behind the last character, a message that comes in is a line even where it has no line feed, and the
+the bus's END behind the last character, a message that comes in is a line even if it has no line feed, and the
 character that aborts (^X, ^C) becomes the bus's device clear. So it is for instruments whose lines end in LF. Serial
 lines and sockets under a VISA name are streams: bytes go as they are, a message ends with LF.
 
@@ -35,21 +35,23 @@ MISSING = f"PyVISA is not installed: {to_install('visa')}"
 
 
 @functools.cache
-def _made_once(manager: Any, library: str | None) -> Any:
-    """PyVISA's resource manager for what PYVISA_LIBRARY says: each time that one is made, PyVISA asks the linker and a
-    compiler for makers' libraries, 0.2 s, and a port is tried again and again."""
+def _resource_manager(manager: Any, library: str | None) -> Any:
+    """Return PyVISA's resource manager for PYVISA_LIBRARY.
+
+    To make one PyVISA asks the linker and a compiler for makers' libraries, 0.2 s, and a port is tried again and again.
+    """
     return manager()
 
 
 class Serial(SerialBase):
-    """The port. Line settings count for a serial line under a VISA name, and for nothing else."""
+    """A port of VISA's. Line settings count for a serial line under a VISA name, and for nothing else."""
 
     _resource: Any = None
     _buffer = b""
     _is_stream = False
 
     def open(self) -> None:
-        """Connect; SerialException where there is nothing, or another process has it."""
+        """Connect; SerialException if there is nothing, or another process has it."""
         if self.is_open:
             raise SerialException("Port is already open.")
         try:
@@ -60,11 +62,11 @@ class Serial(SerialBase):
         name = str(self.portstr).partition("://")[2]
         mode = AccessModes.exclusive_lock if self.exclusive else AccessModes.no_lock
         try:
-            manager = _made_once(pyvisa.ResourceManager, os.environ.get("PYVISA_LIBRARY"))
+            manager = _resource_manager(pyvisa.ResourceManager, os.environ.get("PYVISA_LIBRARY"))
             resource: Any = manager.open_resource(name, access_mode=mode, open_timeout=OPEN_TIMEOUT_MS)
             is_line = resource.interface_type == InterfaceType.asrl
         except Exception as error:  # a library that is missing is a ValueError or an OSError, and each has its own
-            raise _meaning(error, name) from error
+            raise _as_pyserial(error, name) from error
         self._is_stream = is_line or resource.resource_class == "SOCKET"
         self._resource, self._buffer, self.is_open = resource, b"", True
         try:
@@ -74,7 +76,7 @@ class Serial(SerialBase):
                 self._reconfigure_port()
         except Exception as error:
             self.close()
-            raise _meaning(error, name) from error
+            raise _as_pyserial(error, name) from error
 
     def close(self) -> None:
         """Let go; closing twice is fine."""
@@ -96,7 +98,7 @@ class Serial(SerialBase):
 
     @property
     def timeout(self) -> float | None:
-        """How long a read blocks, s; None for ever."""
+        """Return how long a read blocks, s; None for ever."""
         return self._timeout
 
     @timeout.setter
@@ -105,12 +107,12 @@ class Serial(SerialBase):
 
     @property
     def in_waiting(self) -> int:
-        """What is left of the message that came last: there is no other, as nobody speaks unasked."""
+        """Return how many bytes remain of the last message: there is no other, as no instrument speaks unasked."""
         self._require()
         return len(self._buffer)
 
     def read(self, size: int = 1, /) -> bytes:
-        """Up to `size` bytes of the next message; nothing where the time-out ends first."""
+        """Return up to `size` bytes of the next message; nothing if the time-out ends first."""
         resource = self._require()
         if not self._buffer and self._timeout != 0:
             resource.timeout = EVER_MS if self._timeout is None else max(1.0, 1e3 * self._timeout)
@@ -122,14 +124,14 @@ class Serial(SerialBase):
         try:
             data = bytes(resource.read_raw())
         except Exception as error:
-            meaning = _meaning(error)
-            if isinstance(meaning, SerialTimeoutException):
+            translated = _as_pyserial(error)
+            if isinstance(translated, SerialTimeoutException):
                 return b""
-            raise meaning from error
+            raise translated from error
         return data if self._is_stream or data.endswith(b"\n") else data + b"\n"
 
     def write(self, data: Any, /) -> int:
-        """Hand over line by line; a device clear in the place of an abort. SerialTimeoutException where it is stuck."""
+        """Hand over line by line, an abort as a device clear. SerialTimeoutException if it is stuck."""
         resource = self._require()
         data = bytes(data)
         resource.timeout = EVER_MS if self.write_timeout is None else max(1.0, 1e3 * self.write_timeout)
@@ -143,11 +145,11 @@ class Serial(SerialBase):
                 if line:
                     resource.write_raw(line + b"\n")
         except Exception as error:
-            raise _meaning(error) from error
+            raise _as_pyserial(error) from error
         return len(data)
 
     def _clear(self, resource: Any) -> None:
-        """Device clear, where the bus has one."""
+        """Clear the device, if the bus has such a message."""
         try:
             resource.clear()
         except Exception as error:
@@ -155,11 +157,8 @@ class Serial(SerialBase):
                 raise
         self._buffer = b""
 
-    def flush(self) -> None:
-        """Nothing is held back."""
-
     def reset_input_buffer(self) -> None:
-        """Throw away what is left of the last message."""
+        """Discard the rest of the last message."""
         self._require()
         self._buffer = b""
 
@@ -168,18 +167,14 @@ class Serial(SerialBase):
             raise PortNotOpenError()
         return self._resource
 
-    def _update_rts_state(self) -> None:
-        pass
+    def flush(self) -> None:
+        """Do nothing: no byte is held back."""
 
-    def _update_dtr_state(self) -> None:
-        pass
-
-    def _update_break_state(self) -> None:
-        pass
+    _update_rts_state = _update_dtr_state = _update_break_state = flush
 
 
-def _meaning(error: BaseException, name: str = "") -> SerialException:
-    """What pyserial would have said."""
+def _as_pyserial(error: BaseException, name: str = "") -> SerialException:
+    """Return the exception that pyserial would have raised."""
     code, text = getattr(error, "abbreviation", ""), f"{name}: {error}" if name else str(error)
     if code == TIMED_OUT:
         return SerialTimeoutException(text)

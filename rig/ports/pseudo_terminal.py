@@ -1,8 +1,7 @@
 """Simulated instruments on pseudo-terminals, in real time, for programs that open a port by themselves.
 
-POSIX only. One thread serves all instruments that share a plant, so the plant sees one history. It keeps
-the far end of each pseudo-terminal open, because otherwise the near end reports an error between two
-clients' sessions.
+POSIX only. One thread serves all instruments that share a plant, so that the plant sees one history. It keeps the far
+end of each pseudo-terminal open, because otherwise the near end reports an error between two clients' sessions.
 """
 
 from __future__ import annotations
@@ -25,9 +24,9 @@ CHUNK = 4096
 class PseudoTerminals:
     """Serve `instruments`, by name, from `start` until `stop`, or within a with block.
 
-    speed: simulated seconds a second. start_s: simulated time at the beginning. What nobody reads is lost
-    when the terminal's buffer is full, as on a wire. `paths` gives the names to open, such as /dev/pts/3; `heard_s`
-    when each was written to last (time.monotonic).
+    speed: simulated seconds a second. start_s: simulated time at the beginning. paths: the names to open, such as
+    /dev/pts/3. heard_s: when each was written to last (time.monotonic). Bytes that nobody reads are lost when the
+    terminal's buffer is full, as on a wire.
     """
 
     def __init__(self, instruments: Mapping[str, Instrument], *, speed: float = 1.0, start_s: float = 0.0) -> None:
@@ -54,7 +53,7 @@ class PseudoTerminals:
         self._began_s = time.monotonic()
 
     def now_s(self) -> float:
-        """Simulated time, s."""
+        """Return the simulated time, s."""
         return self._start_s + (time.monotonic() - self._began_s) * self._speed
 
     def start(self) -> None:
@@ -64,7 +63,7 @@ class PseudoTerminals:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread and close the terminals; raises what the emulators raised, if they did."""
+        """End the thread and close the terminals; raise what the emulators raised, if they did."""
         self._stopping.set()
         if self._wake_writer >= 0:
             os.write(self._wake_writer, b"x")

@@ -17,7 +17,7 @@ import numpy as np
 
 from rig.core.faults import Faults, fault
 from rig.core.json_text import parsed_json
-from rig.drivers.heater_drive import OF_FULL_DRIVE
+from rig.drivers.controller import OF_FULL_DRIVE
 from rig.records.run_folder import RunFolder, plain_json
 
 FORMAT = "peltier-run/1"

@@ -1,12 +1,12 @@
-"""Switching the output off, from the first command to a verdict: in the working process, the guard and `peltier off`.
+"""Switch the output off and find out whether it is off, for the working process, the guard and `peltier off`.
 
-    off       the driver's own ways, each stronger than the one before; over within 0.7 s
-    silence   where that is not confirmed, and the controller has a dead man: every frame that it understands feeds it,
-              so nothing is said for its time, and a bit more
-    look      status and current are read, once; nothing is commanded any more
+1. off: the driver's commands, each stronger than the one before; done within 0.7 s.
+2. silence: if "off" is not confirmed and the controller has a dead man, nothing is sent for a little longer than the
+   dead man's time, because every frame that the controller understands feeds it.
+3. look: status and current are read, once; nothing is commanded any more.
 
-What is then not confirmed is told as that, and nobody says "confirmed" after it: the controller has to be switched off
-by hand. Time is the bench's clock, by which the controller's transport lives.
+An output that is not confirmed off then is reported as such, and never as confirmed later: it has to be switched off by
+hand. Time is the bench's clock, which the controller's transport uses.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from rig.core.errors import Disconnected
 from rig.core.outcome import Stopped
 from rig.drivers.controller import TemperatureController
 
-MARGIN_S: Final = 0.3  # beyond the dead man's time: its clock is not ours, and it acts at its next control step
-STEP_S: Final = 0.5  # of the silence, so that who waits for a sign of life has one
-NO_OUTPUT_A: Final = 0.1  # a current-measurement offset is no output
+MARGIN_S: Final = 0.3  # added to the dead man's time: its clock differs, and it acts at its next control step
+STEP_S: Final = 0.5  # of the silence, between two signs of life
+NO_OUTPUT_A: Final = 0.1  # an offset of the current measurement is below this
 NOT_CONFIRMED: Final = "the controller did not confirm that its output is off"
-BY_ITS_DEAD_MAN: Final = "it did not obey, and its own dead man has switched it off"
+BY_ITS_DEAD_MAN: Final = "it did not obey the command, and its own dead man switched the output off"
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether the output is off, confirmed by the controller, and why it is not, or how it came about, in words.
+    """Result of switching off.
 
-    said_s: when the last command was sent, on the controller's clock.
+    confirmed: True if the controller confirmed it; text: why it did not, or how it came about; said_s: when the last
+    command was sent, on the controller's clock.
     """
 
     confirmed: bool
@@ -40,30 +41,30 @@ class Verdict:
 
 
 def _nothing() -> None:
-    """Nobody waits for a sign of life."""
+    """Default sign of life: none."""
 
 
 def confirmed_by(controller: Any) -> str:
-    """What a controller's, or a driver class's, confirmation rests on, in words."""
+    """Return the evidence on which the confirmation of a controller, or a driver class, rests, in words."""
     return str(getattr(controller, "confirms_off_by", "what its driver reads back"))
 
 
 def off_confirmed(controller: Any, when: str = "") -> str:
-    """The sentence that says so, of a controller or a driver class. when: after how long, in words."""
+    """Return the sentence for a confirmed "off" of a controller or driver class. when: after how long, in words."""
     return f"output off, confirmed by the controller{when} ({confirmed_by(controller)})"
 
 
 def switch_off(
     controller: TemperatureController, dead_man_s: float | None = None, alive: Callable[[], None] = _nothing
 ) -> Verdict:
-    """Off, and where that is not confirmed, silence and a look. Raises nothing but what a signal becomes.
+    """Command off; if that is not confirmed, be silent and look. Raises nothing but the exception of a signal.
 
-    dead_man_s: of the controller; by default what this program has configured it to. alive: called twice a second.
+    dead_man_s: of the controller; by default the configured one. alive: called twice a second during the silence.
     """
     confirmed, why = False, NOT_CONFIRMED
     try:
         confirmed = controller.off()
-    except Stopped:  # a signal: whoever ends the run switches off again
+    except Stopped:  # a signal: the end of the run switches off again
         raise
     except Exception as error:  # a driver of the user's own may do anything
         why = f"{NOT_CONFIRMED} ({_of(controller, error)})"
@@ -80,44 +81,42 @@ def switch_off(
 def look_after_silence(
     controller: TemperatureController, dead_man_s: float, said_s: float, alive: Callable[[], None] = _nothing
 ) -> Verdict:
-    """Nothing is said until the dead man's time has passed since `said_s`; then one look. Never raises an Exception."""
+    """Send nothing until the dead man's time has passed since `said_s`, then look once. Never raises an Exception."""
     clock = controller.transport.clock
     until_s = said_s + dead_man_s + MARGIN_S
     while clock.now_s() < until_s:
         clock.sleep_until_s(min(until_s, clock.now_s() + STEP_S))
-        with contextlib.suppress(Exception):  # whoever does not hear it has no say in this
+        with contextlib.suppress(Exception):  # a guard that has gone changes nothing here
             alive()
     is_off, what = looks_off(controller)
     if is_off:
         return Verdict(True, BY_ITS_DEAD_MAN, said_s)
-    return Verdict(False, f"{NOT_CONFIRMED}, nor after {dead_man_s:g} s of silence for its dead man ({what})", said_s)
+    return Verdict(
+        False, f"{NOT_CONFIRMED}, not even after {dead_man_s:g} s of silence for its dead man ({what})", said_s
+    )
 
 
 def looks_off(controller: TemperatureController) -> tuple[bool, str]:
-    """Whether it says that it is off and, where it shows one, that no current flows; and what it says. One look,
-    nothing is commanded. Never raises an Exception."""
+    """Return (True if status and, if it reports one, current say "off"; the report). Reads once and commands nothing.
+
+    Never raises an Exception.
+    """
     try:
-        return _look_where_it_is(controller)
+        try:
+            return _look(controller)
+        except Disconnected:  # the port may be back
+            controller.transport.reopen()
+            return _look(controller)
     except Exception as error:
         return False, _of(controller, error)
 
 
 def _of(controller: TemperatureController, error: Exception) -> str:
-    """What an error says, without the controller's name, which stands in front of all of it."""
+    """Return an error's text without the controller's name, which stands in front of the whole message."""
     return str(error).removeprefix(f"{getattr(controller.transport, 'who', '')}: ")
 
 
-def _look_where_it_is(controller: TemperatureController) -> tuple[bool, str]:
-    """As `_look`; a port that was gone may be back."""
-    try:
-        return _look(controller)
-    except Disconnected:
-        controller.transport.reopen()
-        return _look(controller)
-
-
 def _look(controller: TemperatureController) -> tuple[bool, str]:
-    """Whether it says that it is off and, where it shows one, that no current flows; and what it says."""
     status = controller.status()
     if status.output_is_on:
         return False, f"its status is {status.text!r}"

@@ -1,4 +1,4 @@
-"""`python -m rig.web SOCKET [LISTENER]`: a web process, begun by the bench process and ended with it.
+"""`python -m rig.web SOCKET [LISTENER]`: a web process, started by the bench process and ended with it.
 
 LISTENER: the descriptor of a listening TCP socket, for the process that takes STOP and nothing else.
 """
@@ -13,11 +13,11 @@ from pathlib import Path
 
 from rig.web.serving import serve
 
-BEHIND = 5  # the page's process lets the bench's, STOP's and `peltier stop` go first where processors are short
+NICENESS = 5  # of the page's process: on a busy computer the bench's, STOP's and `peltier stop` go first
 
 if __name__ == "__main__":
-    tell = lambda url: print(f"page {url}", flush=True)  # noqa: E731
+    report = lambda url: print(f"page {url}", flush=True)  # noqa: E731
     listener = socket.socket(fileno=int(sys.argv[2])) if len(sys.argv) > 2 else None
     if listener is None:
-        os.nice(BEHIND)
-    sys.exit(asyncio.run(serve(Path(sys.argv[1]), tell, lambda: os._exit(0), listener)))
+        os.nice(NICENESS)
+    sys.exit(asyncio.run(serve(Path(sys.argv[1]), report, lambda: os._exit(0), listener)))

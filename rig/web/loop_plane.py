@@ -1,7 +1,7 @@
-"""The film in the (T, R) plane: the last hour's points, its model's major loop, and where its memory stands.
+"""The film in the (T, R) plane: the last hour's points, its model's major loop, and the state of its memory.
 
-The memory is the model's, driven by the temperatures of the history since the film was last saturated; it is brought up
-to date with each question. numba is imported when there is a model, and not before.
+The memory is the model's, driven by the temperatures in the history since the film was last saturated; each request
+brings it up to date. numba is imported when there is a model, and not before.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 from rig.history.reading import loop_points, temperatures
 from rig.records.film_output import output_to_ohm
 
-HOUR_S = 3600.0  # of points shown: some turns of the film
-POINTS = 1500  # more hide each other on a figure of 600 pixels
+HOUR_S = 3600.0  # of points shown: some cycles of the film
+POINTS = 1500  # more overlap on a figure of 600 pixels
 CURVE_POINTS = 121  # over the limits' range, some 0.8 K apart, drawn with straight lines
-TURN_K = 0.1  # a move back by less is noise
-MOST_ROWS = 500_000  # that are caught up with in one question; a week at 10 Hz takes twelve
+TURN_K = 0.1  # a reversal by less is noise
+MOST_ROWS = 500_000  # that one request catches up with; a week at 10 Hz takes twelve
 
 
 class LoopPlane:
@@ -27,12 +27,13 @@ class LoopPlane:
         self._history = history
         self._lock = threading.Lock()
         self._key: tuple[object, ...] = ()
-        self._film: _Followed | None = None
+        self._film: _FollowedFilm | None = None
 
     def document(
         self, model: str | None, memory_since_s: float | None, limits_degC: list[float], now_s: float
     ) -> dict[str, Any]:
-        """memory_since_s: since when the film's memory is known, Unix s; None: it is not. Raises sqlite3.Error."""
+        """Return the answer. memory_since_s: Unix s since when the film's memory is known; None: it is not. Raises
+        sqlite3.Error."""
         points = loop_points(self._history, now_s - HOUR_S, POINTS)
         found: dict[str, Any] = {
             "temperature_degC": [point[1] for point in points],
@@ -50,8 +51,8 @@ class LoopPlane:
         return found
 
 
-def _followed(model: str | None, since_s: float | None, limits_degC: list[float]) -> _Followed | None:
-    """The film of a model file; None where there is no such file, or no film in it, or not with a resistance."""
+def _followed(model: str | None, since_s: float | None, limits_degC: list[float]) -> _FollowedFilm | None:
+    """Return the film of a model file; None if there is no such file, or no film with a resistance in it."""
     if model is None or not Path(model).is_file():
         return None
     from rig.config.model_file import read_model
@@ -60,13 +61,13 @@ def _followed(model: str | None, since_s: float | None, limits_degC: list[float]
     try:
         known = read_model(Path(model))
         falls = known.film is not None and known.film.output == "minus_log10_ohm"
-        return _Followed(known, since_s, limits_degC) if falls else None
+        return _FollowedFilm(known, since_s, limits_degC) if falls else None
     except (Faults, OSError, ValueError):
         return None
 
 
-class _Followed:
-    """A film model, its major loop as curves, and its memory as far as the history was followed."""
+class _FollowedFilm:
+    """A film model, its major loop, and its memory as far as the history was followed."""
 
     def __init__(self, known: Any, since_s: float | None, limits_degC: list[float]) -> None:
         import numpy as np
@@ -85,11 +86,11 @@ class _Followed:
         }
 
     def _mixed(self, outputs: Any) -> Any:
-        """The film's outputs of what its operators add up to."""
+        """Return the film's outputs from the sums of its operators."""
         return outputs if self._mixing is None else self._mixing.mixed(outputs)
 
     def memory(self, history: Path) -> dict[str, Any] | None:
-        """Where the film stands now; None where that is not known."""
+        """Return the film's present state; None if it is not known."""
         import numpy as np
 
         from compensator.inverse.inverse import Inverse
@@ -105,8 +106,8 @@ class _Followed:
                 self._turn_degC = float(values[0])
             self._memory = self._model.simulate(values, self._memory)[1]
             for value in values:
-                self._look_where_it_goes(float(value))
-        if self._memory is None or len(rows) == MOST_ROWS:  # there is more: it stands where the film stood then
+                self._follow_branch(float(value))
+        if self._memory is None or len(rows) == MOST_ROWS:  # there are more: the memory is that of an earlier time
             return None
         interval = Inverse(self._model, *self._limits).solve(1e6, self._memory).interval
         reachable = None
@@ -114,8 +115,8 @@ class _Followed:
             reachable = sorted(output_to_ohm(output) for output in self._mixed(np.array(interval)).tolist())
         return {"temperature_degC": self._memory.input_degC, "branch": self._branch, "reachable_ohm": reachable}
 
-    def _look_where_it_goes(self, degC: float) -> None:
-        """turn: the farthest that it has gone on its branch."""
+    def _follow_branch(self, degC: float) -> None:
+        """Follow the farthest temperature on the branch, and the reversals."""
         forward = degC - self._turn_degC if self._branch == "rising" else self._turn_degC - degC
         if forward > 0.0:
             self._turn_degC = degC

@@ -1,17 +1,26 @@
-"""Who may ask what: names of this host, the same origin, the header that no form can set, the token, the body's size.
+"""Who may ask: names of this host, the same origin, a header that no form can set, the token, the size of the body.
 
-address   valid Unicode, as far as it goes
+address   valid Unicode
 Host      one of ours: another name that leads here (DNS rebinding) is refused
-Origin    where it is there, one of ours, with its scheme (rig.web.names)
-X-Peltier and application/json on whatever changes something: another site's page can send neither unasked
+Origin    if there is one, one of ours, with its scheme (`Names`)
+X-Peltier and application/json on every request that changes something: another site's page cannot send them unasked
 token     wherever one is set, compared in constant time; as Bearer or as the session's cookie
 body      1 MB
+
+Origins by which this bench may be asked:
+
+the bench's own address, the loopback's names     http, at the port that was asked
+numbers, if it listens beyond the loopback        the same; no other site's name is a number
+"bench.lab.example" in serve.hosts                http or https, at the port that was asked
+"https://bench.lab.example" in serve.hosts        exactly this origin, whatever Host its proxy sends
 """
 
 from __future__ import annotations
 
 import hmac
+import ipaddress
 import secrets
+from collections.abc import Iterable
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import unquote_to_bytes
@@ -21,7 +30,6 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rig.core.json_text import usable
-from rig.web.names import Names
 
 LARGEST_BODY = 1_000_000  # bytes
 METRICS = "/metrics"
@@ -34,17 +42,70 @@ HEADERS = [
     (b"x-frame-options", b"SAMEORIGIN"),
     (b"referrer-policy", b"no-referrer"),
 ]
+LOOPBACK = {"127.0.0.1", "localhost", "::1", "[::1]"}
+EVERYWHERE = {"0.0.0.0", "::"}
+
+
+class Names:
+    """Names of this bench. address, hosts: of [serve]. page_port: the port of the page's origin if it differs from the
+    one asked, as for STOP's own listener; 0: any."""
+
+    def __init__(self, address: str, hosts: Iterable[str], page_port: int | None = None) -> None:
+        self._numbers = address not in LOOPBACK
+        self._page_port = page_port
+        self._own = LOOPBACK | ({address.lower()} if address not in EVERYWHERE else set())
+        given = [host.lower() for host in hosts]
+        self._origins = {host for host in given if "://" in host}
+        self._named = {host_name(host) for host in given if "://" not in host}
+        self._reached = self._own | self._named | {host_name(host.partition("://")[2]) for host in self._origins}
+
+    def reach(self, host: str) -> bool:
+        """Return True if a Host header is one of this bench's."""
+        name = host_name(host)
+        return name in self._reached or (self._numbers and _is_number(name))
+
+    def allow(self, origin: str, host: str) -> bool:
+        """Return True if a page of an origin may send a request to `host`."""
+        origin, name = origin.lower(), host_name(host)
+        if origin in self._origins:
+            return True
+        scheme, _, place = origin.partition("://")
+        schemes = {"http", "https"} if name in self._named else {"http"} if self._is_own(name) else set()
+        if scheme not in schemes:
+            return False
+        if self._page_port is None:
+            return place == host.lower()
+        port = place[len(name) :]
+        return host_name(place) == name and (not self._page_port or port in (f":{self._page_port}", ""))
+
+    def _is_own(self, name: str) -> bool:
+        return name in self._own or (self._numbers and _is_number(name))
+
+
+def host_name(text: str) -> str:
+    """Return the name in a Host header, without its port."""
+    if text.startswith("["):
+        return text.partition("]")[0].lower() + "]"
+    return text.partition(":")[0].lower()
+
+
+def _is_number(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host.strip("[]"))
+    except ValueError:
+        return False
+    return True
 
 
 class Sessions:
-    """Cookies that stand for the token, until the process ends."""
+    """Cookies in place of the token, until the process ends."""
 
     def __init__(self, token: str | None, metrics_token: str | None = None) -> None:
         self._token, self._metrics_token = token, metrics_token
         self._open: dict[str, None] = {}
 
     def begin(self, token: object) -> str | None:
-        """A new session's name for who knows the token."""
+        """Return a new session's name for the right token."""
         if self._token is None or not isinstance(token, str) or not same(token, self._token):
             return None
         name = secrets.token_urlsafe(32)
@@ -54,13 +115,13 @@ class Sessions:
         return name
 
     def needed(self, path: str) -> bool:
-        """Whether a path asks for a token."""
+        """Return True if a path requires a token."""
         if path == METRICS:
             return self._token is not None or self._metrics_token is not None
         return self._token is not None and path.startswith(("/api/", "/runs/")) and path != "/api/session"
 
     def knows(self, path: str, headers: Headers) -> bool:
-        """Whether the request brings the token or a session's cookie; for the metrics, their token."""
+        """Return True if the request has the token or a session's cookie; for the metrics also their token."""
         kind, _, given = headers.get("authorization", "").partition(" ")
         known = [self._token, self._metrics_token] if path == METRICS else [self._token]
         if kind.lower() == "bearer" and any(same(given.strip(), token) for token in known if token is not None):
@@ -73,12 +134,12 @@ class Sessions:
 
 
 def same(one: str, other: str) -> bool:
-    """Whether two secrets are the same, in a time that does not tell where they differ."""
+    """Return True if two secrets are equal, in a time that does not depend on where they differ."""
     return hmac.compare_digest(one.encode("utf-8", "surrogatepass"), other.encode("utf-8", "surrogatepass"))
 
 
 class Protection:
-    """The outermost layer. elsewhere: whether pages of other addresses of this bench may read the answers (CORS)."""
+    """The outermost layer. elsewhere: True if pages of this bench's other addresses may read the answers (CORS)."""
 
     def __init__(self, app: ASGIApp, names: Names, sessions: Sessions, elsewhere: bool = False) -> None:
         self._app, self._names, self._sessions, self._elsewhere = app, names, sessions, elsewhere
@@ -93,13 +154,13 @@ class Protection:
             return
         status, text = self._refused(scope)
         origin = Headers(scope=scope).get("origin") if self._elsewhere else None
-        told = _with_headers(send, origin if status != FORBIDDEN else None)
+        send_with = _with_headers(send, origin if status != FORBIDDEN else None)
         if status:
-            await _answer(status, text)(scope, receive, told)
+            await _answer(status, text)(scope, receive, send_with)
             return
         body = _Body(receive)
         try:
-            await self._app(scope, body.receive, told)
+            await self._app(scope, body.receive, send_with)
         except TooLarge:
             await _answer(413, f"body: expected at most {LARGEST_BODY} bytes")(scope, receive, send)
 
@@ -132,11 +193,11 @@ class Protection:
 
 
 class TooLarge(Exception):
-    """A body without a length, longer than is read."""
+    """A body without a length, and too long."""
 
 
 class _Body:
-    """Counts the bytes of a body as they come."""
+    """Counts the bytes of a body."""
 
     def __init__(self, receive: Receive) -> None:
         self._receive, self._seen = receive, 0
@@ -150,7 +211,7 @@ class _Body:
 
 
 def _is_text(quoted: bytes) -> bool:
-    """Whether a part of an address is text once its percent signs are resolved."""
+    """Return True if a part of an address is text once its percent signs are resolved."""
     try:
         return usable(unquote_to_bytes(quoted).decode("utf-8"))
     except UnicodeDecodeError:
@@ -163,12 +224,12 @@ def _answer(status: int, text: str) -> Any:
 
 
 def _with_headers(send: Send, origin: str | None) -> Send:
-    """origin: of a page elsewhere that may read the answer."""
-    told = [(b"access-control-allow-origin", origin.encode("latin-1")), (b"vary", b"origin")] if origin else []
+    """Add headers to the answer. origin: of a page elsewhere that may read it."""
+    more = [(b"access-control-allow-origin", origin.encode("latin-1")), (b"vary", b"origin")] if origin else []
 
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
-            message["headers"] = [*message.get("headers", []), *HEADERS, *told]
+            message["headers"] = [*message.get("headers", []), *HEADERS, *more]
         await send(message)
 
     return sending

@@ -1,63 +1,121 @@
-"""The seam: what an emulated instrument sees of the world (`Plant`), and what a port sees of it
-(`Instrument`).
+"""What an emulated instrument knows of the world, what a port knows of it, and the line between them.
 
-An emulator has no clock and does no I/O; time is a parameter, in seconds on whatever scale the caller keeps.
-Whoever carries the bytes (an in-process serial port, a pseudo-terminal) calls `receive` with what the host
-has written and `transmit` for what has reached the host by now. The physics runs inside `transmit`, through
-`Plant.advance_to`, so that instruments which share a plant see one history.
-
-A reply reaches the host in one piece, when its last byte has been sent, as USB adapters deliver it.
+An emulator has no clock and does no input or output: time is a parameter, in seconds on any scale that does not run
+backwards. The port (in this process, or a pseudo-terminal) calls `receive` with what the host has written, and
+`transmit` for what has reached the host by now. `transmit` runs the physics through `Plant.advance_to`, so that
+instruments on one plant see one history. A reply reaches the host in one piece when its last byte has been sent, as USB
+adapters deliver it.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 
 class Plant(Protocol):
-    """What an instrument sees of the simulated world. All times are seconds on one monotone scale."""
+    """Part of the simulated world that an instrument measures and drives. Times are seconds on one rising scale."""
 
     @property
     def current_A(self) -> float:
         """Current through the Peltier element now, A; positive heats."""
 
     def advance_to(self, time_s: float) -> None:
-        """Run physics and due events up to `time_s`; a time that has passed already is ignored."""
+        """Run physics and due events up to `time_s`; ignore a time that has passed already."""
 
     def schedule(self, time_s: float, callback: Callable[[float], None]) -> None:
-        """Call `callback(time_s)` when the plant has reached `time_s`; ties in order of call."""
+        """Call `callback(time_s)` when the plant has reached `time_s`; at the same time, in the order of the calls."""
 
     def set_current_A(self, current_A: float, /) -> None:
-        """Current through the Peltier element from now on, A; positive heats."""
+        """Send this current through the Peltier element from now on, A; positive heats."""
 
     def read_temperature_degC(self) -> float:
-        """Thermometer's reading now, with its noise, degC; nan where the sensor is open."""
+        """Return the thermometer's reading with its noise, degC; nan if the sensor is open."""
 
     def sink_temperature_degC(self) -> float:
-        """Heat sink's temperature now, degC."""
+        """Return the temperature of the heat sink, degC."""
 
     def read_resistance_ohm(self, test_current_A: float, /) -> float:
-        """Film's resistance now as the ohmmeter's input sees it, with noise, ohm; inf where it is open."""
+        """Return the resistance at the ohmmeter's input with its noise, ohm; inf if the film is open."""
 
     def read_voltage_V(self) -> float:
-        """Voltage at the meter's input now, of a detector, with its noise, V; 0 where there is none."""
+        """Return the voltage at the meter's input with its noise, V; 0 if no detector is there."""
 
     def set_test_current_A(self, test_current_A: float, /) -> None:
-        """Ohmmeter's test current through the film from now on, A."""
+        """Send the ohmmeter's test current through the film from now on, A."""
 
 
 class Instrument(Protocol):
     """An instrument at the far end of a serial line."""
 
     def receive(self, data: bytes, time_s: float) -> None:
-        """Take bytes that the host has written at `time_s`; they arrive here a baud-rate time later."""
+        """Take bytes that the host has written at `time_s`; they arrive here as fast as the baud rate allows."""
 
     def transmit(self, time_s: float) -> bytes:
         """Run the plant to `time_s` and return the bytes that have reached the host by then, each once."""
 
     def next_transmit_s(self) -> float | None:
-        """When the next bytes are expected at the host, s; None where nothing is under way.
+        """Return when the next bytes are expected at the host, s; None if nothing is under way.
 
-        It can turn out later (a meter that changes its range measures again), never earlier.
+        They may come later (a meter that changes its range measures again), never earlier.
         """
+
+
+class SerialInstrument:
+    """Base of the emulators: an `Instrument` that cuts what arrives into lines and keeps replies until they are due.
+
+    byte_s: time of one character on the wire, s; 0 takes no time. An emulator takes its lines in `_take_line` and puts
+    its replies on the wire with `_send`.
+    """
+
+    ENDS: ClassVar[tuple[bytes, ...]] = (b"\r", b"\n")  # characters that each end a line
+    LONGEST_PARTIAL: ClassVar[int] = 2048  # characters that are kept of a line without an end
+
+    def __init__(self, plant: Plant, *, byte_s: float, start_s: float) -> None:
+        self._plant = plant
+        self._byte_s = byte_s
+        self._now_s = start_s
+        self._partial = b""
+        self._replies: deque[tuple[float, bytes]] = deque()
+        self._receiving_until_s = self._sending_until_s = start_s
+
+    def receive(self, data: bytes, time_s: float) -> None:
+        begin_s = max(time_s, self._receiving_until_s)
+        already, data = len(self._partial), self._partial + data
+        one_end, *others = self.ENDS
+        for end in others:
+            data = data.replace(end, one_end)
+        *lines, rest = data.split(one_end)
+        for line in lines:
+            begin_s += (len(line) + 1 - already) * self._byte_s
+            already = 0
+            self._take_line(line, begin_s)
+        self._receiving_until_s = begin_s + (len(rest) - already) * self._byte_s
+        self._partial = rest[-self.LONGEST_PARTIAL :]
+
+    def transmit(self, time_s: float) -> bytes:
+        self._plant.advance_to(time_s)
+        replies = self._replies
+        if not replies or replies[0][0] > time_s:
+            return b""
+        data = replies.popleft()[1]
+        while replies and replies[0][0] <= time_s:
+            data += replies.popleft()[1]
+        return data
+
+    def next_transmit_s(self) -> float | None:
+        return self._replies[0][0] if self._replies else self._next_reply_s()
+
+    def _send(self, data: bytes, begin_s: float) -> None:
+        """Begin to send at `begin_s`, or when the reply before has been sent."""
+        self._sending_until_s = max(begin_s, self._sending_until_s) + len(data) * self._byte_s
+        self._replies.append((self._sending_until_s, data))
+
+    def _take_line(self, line: bytes, arrival_s: float) -> None:
+        """Take a line without its end, which arrives at `arrival_s`; it may be empty."""
+        raise NotImplementedError
+
+    def _next_reply_s(self) -> float | None:
+        """Return when the work under way will have a reply, s; None if there is none."""
+        raise NotImplementedError

@@ -1,8 +1,9 @@
-"""Keithley 2400 SourceMeter as an ohmmeter, byte by byte: bytes and times in, bytes and times out.
+"""Keithley 2400 SourceMeter as an ohmmeter, on its RS-232 port.
 
 Sources: 2400 series manual p. 4-4 and 4-14 (auto-ohms and its test currents, four wires), 14-14, 18-51 (elements and
-their two sentinels), 18-61; the command set as PyMeasure uses it. NOT verified on an instrument: overhead times, the
-numbers of the errors that have one above 500, the status word (here: 1 overflow, 8 in compliance, 4096 output on).
+their two sentinels), 18-61, and chapter 18 (SCPI reference) as far as our driver, PyMeasure and QCoDeS use it. NOT
+verified on an instrument: overhead times, the numbers of the errors that have one above 500, the status word (here: 1
+overflow, 8 in compliance, 4096 output on).
 
 The output has to be on: `READ?`, `INITiate` and `MEASure?` with the output off give no answer, but an error in the
 queue. In auto-ohms mode the range sets the test current; in manual mode the source's settings do. A reply has the
@@ -11,15 +12,23 @@ elements of FORMat:ELEMents in their fixed order; what is neither measured nor s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import copysign, inf, isinf, isnan, nan
+from collections.abc import Mapping, Sequence
+from functools import partial
+from math import inf, isinf, isnan, nan
 from typing import ClassVar
 
-from sim.instruments.keithley2400_commands import FUNCTIONS, default_settings, define_commands
-from sim.instruments.ohmmeter import Ohmmeter, Range
-from sim.instruments.scpi import ILLEGAL_PARAMETER_VALUE, ScpiError
+from sim.instruments.meter import ON_OFF, REGISTERS, Meter, Range, Setting
+from sim.instruments.scpi import (
+    ILLEGAL_PARAMETER_VALUE,
+    INVALID_CHARACTER_DATA,
+    MISSING_PARAMETER,
+    Parameters,
+    ScpiError,
+    boolean,
+    number,
+)
 
-RANGES = (  # full scale (ohm) and test current (A): manual, table of resistance ranges
+RANGES = (  # manual, table of resistance ranges
     Range(20.0, 100e-3),
     Range(200.0, 10e-3),
     Range(2e3, 1e-3),
@@ -30,35 +39,201 @@ RANGES = (  # full scale (ohm) and test current (A): manual, table of resistance
     Range(200e6, 100e-9),
 )
 OVERFLOW_TEXT, NAN_TEXT = "+9.900000E+37", "+9.910000E+37"
-ELEMENTS = ("VOLT", "CURR", "RES", "TIME", "STAT")
+ELEMENTS = {"VOLT": "VOLTAGE", "CURR": "CURRENT", "RES": "RESISTANCE", "TIME": "TIME", "STAT": "STATUS"}
 OUTPUT_IS_OFF = (803, "Not permitted with OUTPUT off")
 STALE = (-230, "Data corrupt or stale")
 OVERFLOWED, IN_COMPLIANCE, OUTPUT_ON = 1, 8, 4096  # bits of a reading's status word
 
 
-class Keithley2400(Ohmmeter):
-    """The meter; its options are those of `Ohmmeter`."""
+class SourceMeter(Meter):
+    """A meter that sources its test current as long as its output is on. SOURCES: name and largest level of each."""
 
     RANGES: ClassVar[Sequence[Range]] = RANGES
+    OVERRANGE: ClassVar[float] = 1.05
+    SOURCES: ClassVar[Mapping[str, float]] = {"CURRent": 1.05, "VOLTage": 210.0}
+    LEVEL_TEXT: ClassVar[str]
+    FUNCTIONS: ClassVar[Mapping[str, str]] = {"VOLT": "VOLTage[:DC]", "CURR": "CURRent[:DC]", "RES": "RESistance"}
+    NOT_WHEN_OFF: ClassVar[tuple[int, str]]
+    elements: tuple[str, ...]  # of a reply
+    output_is_on = False
+
+    def function_text(self, function: str) -> str:
+        return function if function == "RES" else function + ":DC"
+
+    def switch_output(self, on: bool) -> None:
+        """Switch the output, as OUTPut does."""
+        self.output_is_on = on
+        self.send_test_current()
+
+    def initiate(self, count: int = 1) -> None:
+        """Begin `count` readings; it is an error if the output is off."""
+        if not self.output_is_on:
+            raise ScpiError(*self.NOT_WHEN_OFF)
+        super().initiate(count)
+
+    def default_settings(self) -> dict[str, float | str]:
+        return super().default_settings() | {"SOUR:FUNC": "VOLT", "SOUR:CURR": 0.0, "SOUR:VOLT": 0.0}
+
+    def reset(self) -> None:
+        """See `Meter.reset`: output off."""
+        super().reset()
+        self._last = ""
+        self.output_is_on = False
+
+    def _define_source(self) -> None:
+        def output(parameters: Parameters) -> None:
+            self.switch_output(boolean(parameters))
+
+        def source(parameters: Parameters) -> None:
+            word = parameters[0].upper() if parameters else ""
+            if word not in ("CURR", "CURRENT", "VOLT", "VOLTAGE"):
+                raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
+            self.settings["SOUR:FUNC"] = word[:4]
+            self.send_test_current()
+
+        def level(name: str, largest: float, parameters: Parameters) -> None:
+            self.settings[name] = number(parameters, -largest, largest, 0.0)
+            self.send_test_current()
+
+        define = self._tree.define
+        define(":OUTPut#[:STATe]", set=output, ask=lambda _: str(int(self.output_is_on)))
+        define(":SOURce#:FUNCtion[:MODE]", set=source, ask=lambda _: str(self.settings["SOUR:FUNC"]))
+        for word, largest in self.SOURCES.items():
+            header, name = f":SOURce#:{word}[:LEVel][:IMMediate][:AMPLitude]", f"SOUR:{word[:4]}"
+            text = partial(lambda name, _: self.LEVEL_TEXT % self.settings[name], name)
+            define(header, set=partial(level, name, largest), ask=text)
+
+
+class Keithley2400(SourceMeter):
+    """The meter; its options are those of `Meter`."""
+
     VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.2, 2.0, 20.0, 200.0)
     IDENTITY: ClassVar[str] = "KEITHLEY INSTRUMENTS INC.,MODEL 2400,{},{}"
     REVISION: ClassVar[str] = "C30   Mar 17 2006 09:29:29/A02  /K/J"
     BAUDRATE: ClassVar[float] = 57600.0
-    OVERRANGE: ClassVar[float] = 1.05
+    LEVEL_TEXT: ClassVar[str] = "%+.6E"
+    NOT_WHEN_OFF: ClassVar[tuple[int, str]] = OUTPUT_IS_OFF
+    enabled: set[str]  # functions that are measured
+    SETTINGS: ClassVar[Sequence[Setting]] = (
+        *REGISTERS,
+        Setting(":TRIGger[:SEQuence#]:COUNt", "TRIG:COUN", 1, "%d", 1, 2500),
+        Setting(":TRIGger[:SEQuence#]:DELay", "TRIG:DEL", 0.0, "%.4f", 0.0, 999.9999),
+        Setting(":TRIGger[:SEQuence#]:SOURce", "TRIG:SOUR", "IMM"),
+        Setting(":TRIGger[:SEQuence#]:OUTPut", "TRIG:OUTP", "NONE"),
+        Setting(":TRIGger[:SEQuence#]:ILINe", "TRIG:ILIN", 1, "%d", 1, 4),
+        Setting(":TRIGger[:SEQuence#]:OLINe", "TRIG:OLIN", 2, "%d", 1, 4),
+        Setting(":ARM[:SEQuence#][:LAYer#]:COUNt", "ARM:COUN", 1, "%d", 1, 2500),
+        Setting(":ARM[:SEQuence#][:LAYer#]:TIMer", "ARM:TIM", 0.1, "%.3f", 0.001, 99999.99),
+        Setting(":ARM[:SEQuence#][:LAYer#]:SOURce", "ARM:SOUR", "IMM"),
+        Setting(":ARM[:SEQuence#][:LAYer#]:OUTPut", "ARM:OUTP", "NONE"),
+        Setting(":ARM[:SEQuence#][:LAYer#]:ILINe", "ARM:ILIN", 1, "%d", 1, 4),
+        Setting(":ARM[:SEQuence#][:LAYer#]:OLINe", "ARM:OLIN", 2, "%d", 1, 4),
+        Setting("[:SENSe#]:AVERage:COUNt", "AVER:COUN", 10, "%d", 1, 100),
+        Setting("[:SENSe#]:AVERage:TCONtrol", "AVER:TCON", "REP"),
+        Setting("[:SENSe#]:AVERage[:STATe]", "AVER", 0, ON_OFF),
+        Setting("[:SENSe#]:FUNCtion:CONCurrent", "CONC", 1, ON_OFF),
+        Setting("[:SENSe#]:CURRent[:DC]:RANGe[:UPPer]", "CURR:RANG", 1.05e-4, "%+.6E", -1.05, 1.05),
+        Setting("[:SENSe#]:CURRent[:DC]:RANGe:AUTO", "CURR:RANG:AUTO", 1, ON_OFF),
+        Setting("[:SENSe#]:CURRent[:DC]:PROTection[:LEVel]", "CURR:PROT", 1.05e-4, "%+.6E", -1.05, 1.05),
+        Setting("[:SENSe#]:VOLTage[:DC]:RANGe[:UPPer]", "VOLT:RANG", 21.0, "%+.6E", -210.0, 210.0),
+        Setting("[:SENSe#]:VOLTage[:DC]:RANGe:AUTO", "VOLT:RANG:AUTO", 1, ON_OFF),
+        Setting("[:SENSe#]:VOLTage[:DC]:PROTection[:LEVel]", "VOLT:PROT", 21.0, "%+.6E", -210.0, 210.0),
+        Setting("[:SENSe#]:RESistance:RANGe:AUTO", "RES:RANG:AUTO", 1, ON_OFF),
+        *(
+            Setting(f"[:SENSe#]:{of}:NPLCycles", "NPLC", 1.0, "%.2f", 0.01, 10.0)
+            for of in SourceMeter.FUNCTIONS.values()
+        ),
+        Setting(":SOURce#:CURRent:RANGe", "SOUR:CURR:RANG", 1.05e-4, "%+.6E", -1.05, 1.05),
+        Setting(":SOURce#:CURRent:RANGe:AUTO", "SOUR:CURR:AUTO", 1, ON_OFF),
+        Setting(":SOURce#:VOLTage:RANGe", "SOUR:VOLT:RANG", 21.0, "%+.6E", -210.0, 210.0),
+        Setting(":SOURce#:VOLTage:RANGe:AUTO", "SOUR:VOLT:AUTO", 1, ON_OFF),
+        Setting(":SOURce#:DELay", "SOUR:DEL", 0.0, "%.5f", 0.0, 999.9999),
+        Setting(":SOURce#:DELay:AUTO", "SOUR:DEL:AUTO", 1, ON_OFF),
+        Setting(":SOURce#:CLEar:AUTO", "SOUR:CLE", 0, ON_OFF),
+        Setting(":TRACe:POINts", "TRAC:POIN", 100, "%d", 1, 2500),
+        Setting(":TRACe:FEED", "TRAC:FEED", "SENS"),
+        Setting(":TRACe:FEED:CONTrol", "TRAC:CONT", "NEV"),
+        Setting(":FORMat[:DATA]", "FORM", "ASC"),
+        Setting(":CALCulate3:FORMat", "CALC3:FORM", "MEAN"),
+        Setting(":SYSTem:RSENse", "RSEN", 0, ON_OFF),
+        Setting(":SYSTem:AZERo[:STATe]", "AZER", 1, ON_OFF),
+        Setting(":DISPlay:ENABle", "DISP", 1, ON_OFF),
+        Setting(":OUTPut#:SMODe", "SMOD", "NORM"),
+        Setting(":ROUTe:TERMinals", "TERM", "FRON"),
+    )
+    SILENT: ClassVar[Sequence[str]] = (
+        ":SYSTem:BEEPer[:IMMediate]",
+        ":STATus:PRESet",
+        ":TRACe:CLEar",
+        ":TRIGger:CLEar",
+        "*TRG",
+    )
 
-    def _prepare(self) -> None:
-        self.output_is_on = False
-        self.enabled: set[str] = set()
-        self.elements: tuple[str, ...] = ELEMENTS
-        self._driven_A = 0.0
-        define_commands(self._tree, self)
-        self.reset()
+    # ---- commands -------------------------------------------------------------------------------
+
+    def _define_commands(self) -> None:
+        self._define_common()
+        self._define_source()
+        define = self._tree.define
+        define("[:SENSe#]:FUNCtion[:ON]", set=lambda p: self.choose_functions(self._named(p)), ask=self._enabled)
+        self._define("[:SENSe#]:FUNCtion[:ON]:ALL", lambda: self.choose_functions(set(self.FUNCTIONS)))
+        define("[:SENSe#]:RESistance:MODE", set=self._set_mode, ask=lambda _: str(self.settings["RES:MODE"]))
+        self._define_range("RES", "[:SENSe#]:RESistance", 210e3, "%+.6E", 210e6)
+        for function, header in self.FUNCTIONS.items():
+            define(":MEASure:" + header, ask=partial(self._measure, function))
+        define(":READ", ask=lambda _: self.read(self._count()))
+        define(":FETCh", ask=lambda _: self.fetch())
+        self._define(":INITiate[:IMMediate]", lambda: self.initiate(self._count()))
+        self._define(":ABORt", self.abort)
+        define(":FORMat:ELEMents[:SENSe#]", set=self._choose_elements, ask=lambda _: ",".join(self.elements))
+        define(":CALCulate3:DATA", ask=lambda _: "+0.000000E+00,+0.000000E+00,+0.000000E+00")
+        define(":SYSTem:AZERo[:STATe]", set=self._set_autozero)
+        define(":STATus:QUEue[:NEXT]", ask=lambda _: self.next_error())
+        self._define(":STATus:QUEue:CLEar", self.errors.clear)
+
+    def _count(self) -> int:
+        return int(self.settings["TRIG:COUN"]) * int(self.settings["ARM:COUN"])
+
+    def _named(self, parameters: Parameters) -> set[str]:
+        if not parameters:
+            raise ScpiError(*MISSING_PARAMETER)
+        words = [quoted.strip("\"'") for quoted in parameters]
+        if set(words) & set(parameters):
+            raise ScpiError(*INVALID_CHARACTER_DATA)
+        return {self._function_named(word) for word in words}
+
+    def _enabled(self, _: Parameters) -> str:
+        return ",".join(f'"{self.function_text(name)}"' for name in self.FUNCTIONS if name in self.enabled)
+
+    def _set_mode(self, parameters: Parameters) -> None:
+        word = parameters[0].upper() if parameters else ""
+        if word not in ("AUTO", "MAN", "MANUAL"):
+            raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
+        self.settings["RES:MODE"] = word if word == "AUTO" else "MAN"
+        self.send_test_current()
+
+    def _choose_elements(self, parameters: Parameters) -> None:
+        if not parameters:
+            raise ScpiError(*MISSING_PARAMETER)
+        wanted = {word.upper() for word in parameters}
+        chosen = {short for short, long in ELEMENTS.items() if wanted & {short, long}}
+        if not wanted <= {*ELEMENTS, *ELEMENTS.values()}:
+            raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
+        self.elements = tuple(short for short in ELEMENTS if short in chosen)
+
+    def _measure(self, function: str, _: Parameters) -> None:
+        self.configure(function)
+        self.read(1)
+
+    def _set_autozero(self, parameters: Parameters) -> None:
+        once = len(parameters) == 1 and parameters[0].upper() == "ONCE"
+        self.settings["AZER"] = 0 if once else int(boolean(parameters))
 
     # ---- source ---------------------------------------------------------------------------------
 
     @property
     def measures_resistance(self) -> bool:
-        """Whether resistance is among the functions that are measured."""
+        """Return True if resistance is among the functions that are measured."""
         return "RES" in self.enabled
 
     @property
@@ -71,58 +246,48 @@ class Keithley2400(Ohmmeter):
 
     @property
     def test_current_A(self) -> float:
-        """What flows through the film now, A: nothing with the output off."""
+        """Return the current through the film now, A: nothing with the output off."""
         if not self.output_is_on:
             return 0.0
         if self._auto_ohms:
             return self._ranges[self._range_index].test_current_A
         return float(self.settings["SOUR:CURR"]) if self._sources_current else self._driven_A
 
-    def switch_output(self, on: bool) -> None:
-        """OUTPut."""
-        self.output_is_on = on
-        self.tell_test_current()
-
     # ---- measuring ------------------------------------------------------------------------------
 
-    def choose_functions(self, names: set[str], on: bool) -> None:
-        """Measure these too, or no longer; without concurrency the last one only."""
-        if not names <= FUNCTIONS.keys():
+    def choose_functions(self, names: set[str]) -> None:
+        """Measure these too; without concurrency these only."""
+        if not names <= self.FUNCTIONS.keys():
             raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
-        if on:
-            self.enabled = names if not self.settings["CONC"] else self.enabled | names
-        else:
-            self.enabled -= names
-        self.tell_test_current()
+        self.enabled = self.enabled | names if self.settings["CONC"] else names
+        self.send_test_current()
 
     def initiate(self, count: int = 1) -> None:
-        """Begin `count` readings; an error where the output is off."""
-        if not self.output_is_on:
-            if not self.settings["SOUR:CLE"]:
-                raise ScpiError(*OUTPUT_IS_OFF)
+        """See `SourceMeter.initiate`; with automatic clear the output is switched on for the readings."""
+        if self.settings["SOUR:CLE"] and not self.output_is_on:
             self.switch_output(True)
         super().initiate(count)
 
-    def fetch(self, fresh: bool) -> str | None:
-        """The last reading, after those that are on their way. None yet is an error."""
+    def fetch(self, fresh: bool = False) -> str | None:
+        """See `Meter.fetch`; it is an error if there is none yet."""
         if not (self.measuring or self._last):
             raise ScpiError(*STALE)
         return super().fetch(fresh)
 
-    def _finished(self) -> None:
+    def _finish(self) -> None:
         if self.settings["SOUR:CLE"]:
             self.switch_output(False)
 
     def aperture_s(self) -> float:
-        """NPLC line periods; NPLC is one for all functions."""
+        """See `Meter.aperture_s`; NPLC is one for all functions."""
         return float(self.settings["NPLC"]) * self._line_period_s
 
     def averaged(self) -> int:
-        """As its filter is set, a repeating one; of ohms with a current of its choice, and of volts at its input."""
+        """See `Meter.averaged`; the filter is one for all functions."""
         return int(self.settings["AVER:COUN"]) if self.settings["AVER"] else 1
 
     def digitize(self) -> str:
-        """The elements that are asked for; empty where autorange has changed the range."""
+        """See `Meter.digitize`: the elements that are asked for."""
         voltage_V, current_A, resistance_ohm = self._measured()
         if resistance_ohm is None:
             return ""
@@ -141,52 +306,47 @@ class Keithley2400(Ohmmeter):
         return ",".join(_text(values[element]) for element in self.elements)
 
     def _measured(self) -> tuple[float, float, float | None]:
-        """Voltage, V, current, A, and resistance, ohm; None where autorange has changed the range."""
+        """Return voltage, V, current, A, and resistance, ohm; None if autorange has changed the range."""
+        current_A = self.test_current_A
         if self._auto_ohms:
             ohm = self.sample_ohm()
             ohm = None if ohm is None else self.filtered(ohm)
             current_A = self.test_current_A
             return (nan if ohm is None else ohm * current_A), current_A, ohm
-        current_A = self.test_current_A
         ohm = self._plant.read_resistance_ohm(current_A)
         if self._sources_current:
             limit_V = float(self.settings["VOLT:PROT"])
-            if not current_A:  # what is at the input, and not of our making
-                return self.filtered(self._voltage_V()), 0.0, inf
+            if not current_A:  # the voltage at the input is not of this meter's making
+                full_V = self.voltage_range_V(abs(float(self.settings["VOLT:RANG"])))
+                voltage_V = self.within_voltage_range(self._plant.read_voltage_V(), full_V, "VOLT")
+                return self.filtered(voltage_V), 0.0, inf
             voltage_V = min(limit_V, max(-limit_V, ohm * current_A))
             return voltage_V, voltage_V / ohm if abs(voltage_V) == limit_V else current_A, ohm
         limit_A, voltage_V = float(self.settings["CURR:PROT"]), float(self.settings["SOUR:VOLT"])
         self._driven_A = min(limit_A, max(-limit_A, voltage_V / ohm)) if ohm else limit_A
-        self.tell_test_current()
+        self.send_test_current()
         return self._driven_A * ohm, self._driven_A, ohm if self._driven_A else inf
-
-    def _voltage_V(self) -> float:
-        """At the input with no current; +-inf beyond the range that is set."""
-        voltage_V = self._plant.read_voltage_V()
-        full_V = self.voltage_range_V(abs(float(self.settings["VOLT:RANG"])))
-        over = not self.settings["VOLT:RANG:AUTO"] and abs(voltage_V) > self.OVERRANGE * full_V
-        return copysign(inf, voltage_V) if over else voltage_V
 
     # ---- settings -------------------------------------------------------------------------------
 
+    def default_settings(self) -> dict[str, float | str]:
+        return super().default_settings() | {"RES:MODE": "MAN"}
+
     def reset(self) -> None:
-        """`*RST`: output off, sources 0 V, measures current, manual ohms, all elements; the error queue stays."""
-        self.abort()
-        self._last = ""
-        self.output_is_on = False
-        self.settings = default_settings()
+        """See `Meter.reset`: output off, sources 0 V, measures current, manual ohms, all elements."""
+        super().reset()
         self.function = "RES"  # whose range and autorange are in use
         self.enabled = {"CURR"}
-        self.elements = ELEMENTS
+        self.elements = tuple(ELEMENTS)
         self._driven_A = 0.0
         self.choose_range(210e3)
 
     def configure(self, function: str) -> None:
-        """`CONFigure`: measure this one, one reading a trigger."""
+        """Measure this function alone, one reading a trigger, as CONFigure does."""
         self.abort()
         self.settings["TRIG:COUN"] = self.settings["ARM:COUN"] = 1
         self.enabled = {function}
-        self.tell_test_current()
+        self.send_test_current()
 
 
 def _text(value: float) -> str:

@@ -1,48 +1,129 @@
-"""Meerstetter TEC controller, byte by byte: bytes and times in, bytes and times out.
+"""Meerstetter TEC controller, one channel, over MeCom.
 
-Sources: "MeCom Protocol Specification" 5117C, "Communication Protocol TEC Controller" 5136AL, Meerstetter's
-C header for 2020, 2021 and 500xx, `error_numbers.txt` of pyMeComTEC for error numbers.
+Sources: "MeCom Protocol Specification" 5117C (frame, CRC), "Communication Protocol TEC Controller" 5136AL (parameters),
+Meerstetter's C header for 2020, 2021 and 500xx, `error_numbers.txt` of pyMeComTEC for error numbers.
 
-A request takes effect when its last character has arrived; its reply reaches the host after the response
-time and its own length on the wire. Not specified by the maker, and assumed here:
+    request   #  address(2)  sequence(4)  payload  crc(4)  CR
+    reply     !  address(2)  sequence(4)  payload  crc(4)  CR      payload `+` and two digits: an error
+    ACK       !  address(2)  sequence(4)           crc(4)  CR      the crc is that of the request
 
-* the watchdog (2060) sets 2010 and 50000 to 0, so that renewed traffic does not turn the output on again;
-  every valid frame for this device feeds it; it raises no device error, unless `watchdog_error` says which;
-* an error (104 = 3) latches until a reset (`RS`); limits and sensor are judged on conversions of the own 10
-  Hz tick, and trip after several of them in a row, so that one outlier does not (`meerstetter_strikes`);
+All numbers are upper-case hexadecimal. The CRC is CRC-16/XMODEM over everything before it. `#` restarts a frame, so
+that garbage before it is dropped.
+
+A request takes effect when its last character has arrived; its reply begins after the response time. Not specified by
+the maker, and assumed here:
+
+* a wrong CRC is answered with silence, as every known client expects;
+* the watchdog (2060) sets 2010 and 50000 to 0, so that renewed traffic does not turn the output on again; every valid
+  frame for this device feeds it; it raises no device error, unless `watchdog_error` says which;
+* an error (104 = 3) latches until a reset (`RS`); limits and sensor are judged on the conversions of the control loop,
+  and trip after several in a row, so that one outlier does not;
 * while it restarts, the device is silent;
-* without a voltage measurement the load is a constant resistance, which turns voltage limits into current
-  limits.
+* the load is a constant resistance, which turns voltage limits into current limits.
 """
 
 from __future__ import annotations
 
+import struct
+from binascii import crc_hqx, unhexlify
+from collections import deque
 from collections.abc import Callable
-from math import copysign, isnan, nan
+from dataclasses import dataclass
+from math import copysign, inf, isfinite, isnan, nan
+from typing import ClassVar
 
-from sim.instruments import mecom
-from sim.instruments.instrument import Plant
-from sim.instruments.mecom_line import MeComLine
-from sim.instruments.meerstetter_parameters import Parameter, table
-from sim.instruments.meerstetter_strikes import Strikes
-from sim.instruments.regulator import Regulator
+from sim.instruments.instrument import Plant, SerialInstrument
+from sim.instruments.regulator import TICK_S, Regulator, Ticking
 
-INIT, READY, RUN, ERROR, BOOTLOADER, RESETTING = range(6)  # of parameter 104
-TICK_S = 0.1  # of its control loop (not specified, see above)
-EMERGENCY_STOP = 11  # device error
+READY, RUN, ERROR, RESETTING = 1, 2, 3, 5  # of parameter 104
+EMERGENCY_STOP, SENSOR_OPEN, BELOW_LIMIT, ABOVE_LIMIT, CHANGED_TOO_FAST = 11, 134, 137, 138, 139  # device errors
+UNKNOWN_COMMAND, FORMAT, UNKNOWN_PARAMETER, READ_ONLY, OUT_OF_RANGE, UNKNOWN_INSTANCE = 1, 4, 5, 6, 7, 8  # of MeCom
+TRIP_AFTER = 3  # conversions in a row (assumed, see above)
 MOVES_OUTPUT = frozenset({2000, 2010, 2020, 2021, 2030, 2031, 3034, 50000, 50001, 50002})
+SHORTEST_REQUEST = 13  # '#', address, sequence, two characters of payload, crc
 READ, SET = b"?VR", b"VS"
+REPLY_LENGTH = {True: 20, False: 12}  # characters that are expected, by whether something is read
+# largest output current, A, and voltage, V, by device type (5136AL, parameters 2030 and 2031)
+LARGEST_CURRENT_A = {1089: 10.0, 1090: 16.0, 1091: 4.0, 1092: 1.2, 1122: 10.0, 1123: 16.0, 1161: 16.0}
+LARGEST_VOLTAGE_V = 21.0  # the same, of each type
+WIDE = 2**31 - 1  # the largest INT32
+
+_float32 = struct.Struct(">f")
+_int32 = struct.Struct(">i")
 
 
-class MeerstetterTec(MeComLine):
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter: kind "F" (FLOAT32) or "I" (INT32). A volatile one is never written to flash."""
+
+    number: int
+    kind: str
+    default: float = 0
+    minimum: float = -inf
+    maximum: float = inf
+    read_only: bool = False
+    volatile: bool = False
+
+    def allows(self, value: float) -> bool:
+        """Return True if the value lies within the limits, which nan does not. 2060 is 0 or at least 0.1 s."""
+        return self.minimum <= value <= self.maximum and not (self.number == 2060 and 0.0 < value < 0.1)
+
+
+def table(device_type: int) -> dict[int, Parameter]:
+    """Return all parameters of a device type by number. Defaults, and limits that the maker leaves open, are ours."""
+    amps, volts = LARGEST_CURRENT_A.get(device_type, 16.0), LARGEST_VOLTAGE_V
+    whole_readings = (100, 101, 102, 103, 104, 105, 106, 107, 109, 1200)
+    real_readings = (1000, 1001, 1010, 1011, 1012, 1020, 1021, 1032, 1063)
+    parameters = [Parameter(number, "I", 0, -WIDE - 1, WIDE, True, True) for number in whole_readings]
+    parameters += [Parameter(number, "F", read_only=True, volatile=True) for number in real_readings]
+    parameters += [
+        Parameter(2000, "I", 2, 0, 2),  # output stage input: 0 static, 1 live, 2 temperature controller
+        Parameter(2010, "I", 0, 0, 3),  # output stage: 0 off, 1 on, 2 live off/on, 3 hardware pin
+        Parameter(2020, "F", 0.0, -amps, amps),  # static current, A
+        Parameter(2021, "F", volts, -volts, volts),  # static voltage, V
+        Parameter(2030, "F", amps, 0.0, amps),  # current limitation, A
+        Parameter(2031, "F", volts, 0.0, volts),  # voltage limitation, V
+        Parameter(2032, "F", 1.2 * amps, 0.0, 1.5 * amps),  # current error threshold, A
+        Parameter(2033, "F", 1.2 * volts, 0.0, 1.5 * volts),  # voltage error threshold, V
+        Parameter(2040, "I", 0, 0, 2),  # general operating mode
+        Parameter(2050, "I", 57600, 4800, 1000000),  # base baud rate, 1/s
+        Parameter(2051, "I", 1, 0, 254),  # device address
+        Parameter(2052, "I", 0, 0, 1000000),  # response delay, us
+        Parameter(2060, "F", 0.0, 0.0, 600.0),  # communication watchdog, s; 0 is off
+        Parameter(3000, "F", 25.0, -273.0, 1000.0),  # target object temperature, degC
+        Parameter(3002, "F", 0.0, 0.0, 1000.0),  # proximity width, degC
+        Parameter(3003, "F", 0.0, 0.0, 1000.0),  # coarse temperature ramp, degC/s; 0 is at once
+        Parameter(3010, "F", 10.0, 0.0, 1000.0),  # Kp, %/degC
+        Parameter(3011, "F", 30.0, 0.0, 10000.0),  # Ti, s; 0 is no integral part
+        Parameter(3012, "F", 0.0, 0.0, 1000.0),  # Td, s
+        Parameter(3013, "F", 0.3, 0.0, 1.0),  # damping of the D part
+        Parameter(3020, "I", 0, 0, 2),  # thermal regulation mode
+        Parameter(3034, "I", 1, 0, 1),  # positive current is: 0 cooling, 1 heating
+        Parameter(4010, "F", -50.0, -273.0, 1000.0),  # object temperature lower error limit, degC
+        Parameter(4011, "F", 200.0, -273.0, 1000.0),  # object temperature upper error limit, degC
+        Parameter(4012, "F", 1000.0, 0.0, 1000.0),  # largest object temperature change, degC/s
+        Parameter(4034, "I", 1, 0, 7),  # object sensor type
+        Parameter(108, "I", 0, 0, 1, volatile=True),  # automatic save to flash: 0 on, 1 off
+        Parameter(50000, "I", 0, 0, 1, volatile=True),  # live enable
+        Parameter(50001, "F", 0.0, -amps, amps, volatile=True),  # live current, A
+        Parameter(50002, "F", volts, -volts, volts, volatile=True),  # live voltage, V
+        Parameter(50012, "F", 25.0, -273.0, 1000.0, volatile=True),  # live target object temperature, degC
+        Parameter(52200, "F", 0.0, -273.0, 1000.0, volatile=True),  # external object temperature, degC
+    ]
+    return {parameter.number: parameter for parameter in parameters}
+
+
+class MeerstetterTec(SerialInstrument, Ticking):
     """One-channel TEC controller of the 1089 to 1161 family.
 
-    address: 1..254. response_s: from the request's last character to the reply's first. baudrate: of the
-    line, 1/s; inf takes no time. heating_sign: +1 if positive output current heats as it is wired, else -1
-    (parameter 3034 only says what the firmware believes). load_ohm: of the Peltier element, for 1021 and
-    the voltage limits. stable_within_K, stable_for_s: when 1200 reads 2. watchdog_error: device error that the
-    watchdog raises, which stays until a reset (183 by the manual's table); 0 for none.
+    address: 1..254. response_s: from the request's last character to the reply's first. baudrate: of the line, 1/s; inf
+    takes no time. heating_sign: +1 if positive output current heats as it is wired, else -1 (parameter 3034 only says
+    what the firmware believes). load_ohm: of the Peltier element, for 1021 and the voltage limits. stable_within_K,
+    stable_for_s: when 1200 reads 2. watchdog_error: device error that the watchdog raises, which stays until a reset
+    (183 by the manual's table); 0 for none.
     """
+
+    ENDS: ClassVar[tuple[bytes, ...]] = (b"\r",)
 
     def __init__(
         self,
@@ -61,7 +142,9 @@ class MeerstetterTec(MeComLine):
         watchdog_error: int = 0,
         start_s: float = 0.0,
     ) -> None:
-        super().__init__(plant, baudrate=baudrate, response_s=response_s, start_s=start_s)
+        super().__init__(plant, byte_s=10.0 / baudrate, start_s=start_s)
+        self._response_s = response_s
+        self._requests: deque[tuple[bytes, bytes, bytes, float]] = deque()
         self._parameters = table(device_type)
         self._values: dict[int, float] = {number: p.default for number, p in self._parameters.items()}
         self._values.update({100: device_type, 101: 120, 102: serial_number, 103: 610, 2051: address})
@@ -78,7 +161,6 @@ class MeerstetterTec(MeComLine):
         self._descriptions = {READ: self._value_text, b"?VM": self._metadata_text, b"?VL": self._limits_text}
         self._reads: dict[bytes, Callable[[], bytes]] = {}
         self._sets: dict[bytes, Parameter] = {}
-        self._now_s = start_s
         self.status_until_reset: int | None = None
         self.output_A = 0.0
         self._regulator = Regulator()
@@ -86,16 +168,15 @@ class MeerstetterTec(MeComLine):
         self._external_s = start_s - 10.0
         self._last_degC = nan
         self._stable_since_s = start_s
-        self._strikes = Strikes()
+        self._strikes: dict[int, int] = {}  # conversions in a row out of bounds, by device error
         self._unsaved = False
         self._fed_s = start_s
         self._look_s = nan
         self._restarting = False
-        self._ticks, self._start_s = 0, start_s
-        plant.schedule(start_s + TICK_S, self._tick)
+        self._start_ticking(start_s)
 
     def _measured_parameters(self, plant: Plant) -> dict[int, Callable[[], float]]:
-        """What a parameter that is measured reads now, by its number."""
+        """Return what reads each parameter that is measured, by its number."""
         return {
             104: lambda: self.status,
             109: lambda: 2 if self._values[108] else int(self._unsaved),
@@ -113,62 +194,75 @@ class MeerstetterTec(MeComLine):
 
     # ---- commands -------------------------------------------------------------------------------
 
-    def _later_s(self) -> float:
-        return self._values[2052] * 1e-6
+    def _take_line(self, line: bytes, arrival_s: float) -> None:
+        start = line.rfind(b"#")
+        body, crc = line[start:-4], line[-4:]
+        if start < 0 or len(line) - start < SHORTEST_REQUEST or b"%04X" % crc_hqx(body, 0) != crc:
+            return
+        begin_s = max(arrival_s + self._response_s + self._values[2052] * 1e-6, self._sending_until_s)
+        self._sending_until_s = begin_s + REPLY_LENGTH[body[7:8] == b"?"] * self._byte_s
+        self._requests.append((body[1:7], body[7:], crc, self._sending_until_s))
+        self._plant.schedule(arrival_s, self._act)
 
-    def _reply_to(self, head: bytes, payload: bytes, crc: bytes, time_s: float) -> bytes:
+    def _next_reply_s(self) -> float | None:
+        return self._requests[0][-1] if self._requests else None
+
+    def _act(self, time_s: float) -> None:
+        head, payload, crc, due_s = self._requests.popleft()
         address = head[:2]
         if address not in (b"00", b"FF", self._own_address) or self._restarting:
-            return b""
+            return
         self._now_s = self._fed_s = time_s
         if isnan(self._look_s) and self._values[2060] > 0.0:
             self._watch()
         reply = self._answer(head, payload, crc)
-        return b"" if address == b"FF" else reply
+        if address != b"FF":
+            self._replies.append((due_s, reply))
 
     def _answer(self, head: bytes, payload: bytes, crc: bytes) -> bytes:
         read = self._reads.get(payload)
         if read is not None:
-            return mecom.reply(head, read())
+            return _frame(head, read())
+        acknowledgement = b"!%b%b\r" % (head, crc)
         if payload[:2] == SET:
             code = self._set(payload)
-            return mecom.error(head, code) if code else mecom.acknowledgement(head, crc)
+            return _error(head, code) if code else acknowledgement
         if payload in (b"RS", b"ES", b"SP"):
             {b"RS": self._reset, b"ES": self._emergency_stop, b"SP": self._save}[payload]()
-            return mecom.acknowledgement(head, crc)
+            return acknowledgement
         if payload[:3] == b"?IF" and len(payload) in (3, 5):  # mecompyapi appends an instance
-            return mecom.reply(head, self._firmware)
+            return _frame(head, self._firmware)
         describe = self._descriptions.get(payload[:3])
         if describe is None:
-            return mecom.error(head, mecom.UNKNOWN_COMMAND)
+            return _error(head, UNKNOWN_COMMAND)
         parameter = self._parameter(payload[3:])
         if isinstance(parameter, int):
-            return mecom.error(head, parameter)
+            return _error(head, parameter)
         if payload[:3] == READ:
             self._reads[payload] = lambda: self._value_text(parameter)
-        return mecom.reply(head, describe(parameter))
+        return _frame(head, describe(parameter))
 
     def _parameter(self, text: bytes) -> Parameter | int:
-        """The parameter that `text` (number and instance, 6 digits) names, or an error code."""
+        """Return the parameter that number and instance (6 digits) name, or an error code."""
         if len(text) != 6 or any(digit not in b"0123456789ABCDEF" for digit in text):
-            return mecom.FORMAT
+            return FORMAT
         parameter = self._parameters.get(int(text[:4], 16))
         if parameter is None:
-            return mecom.UNKNOWN_PARAMETER
-        return parameter if text[4:] == b"01" else mecom.UNKNOWN_INSTANCE
+            return UNKNOWN_PARAMETER
+        return parameter if text[4:] == b"01" else UNKNOWN_INSTANCE
 
     def _value_text(self, parameter: Parameter) -> bytes:
         measure = self._measured.get(parameter.number)
         value = self._values[parameter.number] if measure is None else measure()
-        return mecom.float32_text(value) if parameter.kind == "F" else mecom.int32_text(value)
+        return _float32_text(value) if parameter.kind == "F" else _int32_text(value)
 
     def _limits_text(self, parameter: Parameter) -> bytes:
         if parameter.kind == "F":
-            return b"00" + mecom.float32_text(parameter.minimum) + mecom.float32_text(parameter.maximum)
-        return b"01" + mecom.int32_text(parameter.minimum) + mecom.int32_text(parameter.maximum)
+            return b"00" + _float32_text(parameter.minimum) + _float32_text(parameter.maximum)
+        return b"01" + _int32_text(parameter.minimum) + _int32_text(parameter.maximum)
 
     def _metadata_text(self, parameter: Parameter) -> bytes:
-        """Type, flags (1 readable, 2 writable), instances, elements, minimum, maximum, value."""
+        """Return type, flags (1 readable, 2 writable), instances, elements, minimum, maximum and value."""
         limits = self._limits_text(parameter)
         flags = b"01" if parameter.read_only else b"03"
         return limits[:2] + flags + b"01" + b"00000001" + limits[2:] + self._value_text(parameter)
@@ -180,14 +274,16 @@ class MeerstetterTec(MeComLine):
             if isinstance(named, int):
                 return named
             if named.read_only:
-                return mecom.READ_ONLY
+                return READ_ONLY
             parameter = self._sets[payload[:8]] = named
         try:
-            value = (mecom.float32_value if parameter.kind == "F" else mecom.int32_value)(payload[8:])
+            if len(payload) != 16:
+                return FORMAT
+            value = (_float32 if parameter.kind == "F" else _int32).unpack(unhexlify(payload[8:]))[0]
         except ValueError:
-            return mecom.FORMAT
+            return FORMAT
         if not parameter.allows(value):
-            return mecom.OUT_OF_RANGE
+            return OUT_OF_RANGE
         number = parameter.number
         self._values[number] = value
         if number in MOVES_OUTPUT:
@@ -209,7 +305,7 @@ class MeerstetterTec(MeComLine):
 
     @property
     def status(self) -> int:
-        """Parameter 104: 0 init, 1 ready, 2 run, 3 error, 5 resets within 200 ms."""
+        """Return parameter 104: 1 ready, 2 run, 3 error, 5 resets within 200 ms."""
         if self.status_until_reset is not None:
             return self.status_until_reset
         return RUN if self._enabled() else READY
@@ -250,25 +346,19 @@ class MeerstetterTec(MeComLine):
             self.output_A = current_A
             self._plant.set_current_A(self._heating_sign * current_A)
 
-    def _tick(self, time_s: float) -> None:
-        self._ticks += 1
-        self._now_s = time_s
-        self._plant.schedule(self._start_s + (self._ticks + 1) * TICK_S, self._tick)
+    def _control(self) -> None:
         temperature_degC = self._plant.read_temperature_degC()
         if self.status_until_reset is None:
-            error = self._strikes.judged(temperature_degC, self._last_degC, self._values, TICK_S)
-            if error is not None:
-                self.trip(error)
+            self._judge(temperature_degC)
         self._last_degC = temperature_degC
         if not self._regulating() or isnan(temperature_degC):
             return
         values = self._values
         if abs(temperature_degC - self._target_degC) > self._stable_within_K:
-            self._stable_since_s = time_s
+            self._stable_since_s = self._now_s
         self._regulator.step(
             self._target_degC,
             temperature_degC,
-            TICK_S,
             ramp_K_per_s=values[3003],
             gain_percent_per_K=values[3010],
             integral_time_s=values[3011],
@@ -276,6 +366,20 @@ class MeerstetterTec(MeComLine):
             damping=values[3013],
         )
         self._move_output()
+
+    def _judge(self, temperature_degC: float) -> None:
+        """Trip on a conversion that is out of bounds or changes too fast, `TRIP_AFTER` times in a row."""
+        values = self._values
+        for number, wrong in (
+            (SENSOR_OPEN, not isfinite(temperature_degC)),
+            (BELOW_LIMIT, temperature_degC < values[4010]),
+            (ABOVE_LIMIT, temperature_degC > values[4011]),
+            (CHANGED_TOO_FAST, abs(temperature_degC - self._last_degC) > values[4012] * TICK_S),
+        ):
+            self._strikes[number] = self._strikes.get(number, 0) + 1 if wrong else 0
+            if self._strikes[number] >= TRIP_AFTER:
+                self.trip(number)
+                return
 
     def _stability(self) -> int:
         if not self._regulating():
@@ -285,7 +389,7 @@ class MeerstetterTec(MeComLine):
     # ---- protection -----------------------------------------------------------------------------
 
     def trip(self, number: int) -> None:
-        """Device error `number`: status 3 and output off until a reset."""
+        """Raise a device error: status 3 and output off until a reset."""
         self.status_until_reset = ERROR
         self._values.update({105: number, 106: 1, 107: 0})
         self._move_output()
@@ -317,7 +421,7 @@ class MeerstetterTec(MeComLine):
     # ---- flash and reset ------------------------------------------------------------------------
 
     def _save(self, time_s: float | None = None) -> None:
-        """Write to flash what is not volatile; `time_s` is given where the automatic save is due."""
+        """Write the settings to flash; with `time_s` because the automatic save is due."""
         if time_s is not None and not self._unsaved:
             return
         self._unsaved = False
@@ -343,8 +447,30 @@ class MeerstetterTec(MeComLine):
             self._values[number] = parameter.default if parameter.volatile else self._flash[number]
         for number in (100, 101, 102, 103):
             self._values[number] = self._flash[number]
-        self._strikes = Strikes()
+        self._strikes = {}
         self._own_address = b"%02X" % int(self._values[2051])
         self._target_degC = self._values[3000]
         self._move_output()
         self._watch()
+
+
+def _frame(head: bytes, payload: bytes) -> bytes:
+    """Return a reply with its CRC; `head` is the request's address and sequence number, which the device echoes."""
+    body = b"!" + head + payload
+    return b"%b%04X\r" % (body, crc_hqx(body, 0))
+
+
+def _error(head: bytes, code: int) -> bytes:
+    return _frame(head, b"+%02X" % code)
+
+
+def _float32_text(value: float) -> bytes:
+    """Return 8 hexadecimal digits; what is beyond the range of a FLOAT32 becomes infinite."""
+    try:
+        return _float32.pack(value).hex().upper().encode()
+    except OverflowError:
+        return b"7F800000" if value > 0 else b"FF800000"
+
+
+def _int32_text(value: float) -> bytes:
+    return _int32.pack(int(value)).hex().upper().encode()

@@ -1,13 +1,14 @@
-"""SRS LDC501, the temperature controller in it, byte by byte: bytes and times in, bytes and times out.
+"""SRS LDC501, the temperature controller in it; the laser half is not emulated.
 
-Sources: LDC500 series manual, remote chapter p. 4-10 (lines, 64-byte input buffer, TERM), 4-16, 4-37, 4-38, 4-47, 4-54;
-behaviour seen on hardware from PyMeasure's tests of it. The laser half is not emulated.
+Sources: LDC500 series manual, remote chapter p. 4-10 (lines, 64-byte input buffer, TERM), 4-16, 4-37, 4-38 (LCME),
+4-47, 4-54; behaviour seen on hardware from PyMeasure's tests of it.
 
 A line acts when its terminator (CR or LF) has arrived; its answers reach the host after the response time and their own
-length, each with the terminator that TERM has chosen. Not verified, and assumed here: the factory's TERM (CR and LF)
-and TOKN (numbers); that the answers of one line come one by one (`joined` gives one line with `;` instead), as in other
-instruments of this maker; `*ESE`; the numbers of execution errors; the text of a number (6 digits); TIGN and TDGN
-(1/s, s); that an open sensor turns the output off; that one line's questions see one conversion of the sensor.
+length, each with the terminator that TERM has chosen. Commands are four letters with a value or a question mark. Not
+verified, and assumed here: the factory's TERM (CR and LF) and TOKN (numbers); that the answers of one line come one by
+one (`joined` gives one line with `;` instead), as in other instruments of this maker; `*ESE`; the numbers of execution
+errors; the text of a number (6 digits); TIGN and TDGN (1/s, s); that an open sensor turns the output off; that one
+line's questions see one conversion of the sensor; limits other than those of TILM and TVLM.
 
 A limit that is lowered drags the current setpoint along; changing the mode is bumpless; a setpoint outside TMIN and
 TMAX is rejected. A negative TPGN regulates, a positive one runs away.
@@ -15,30 +16,67 @@ TMAX is rejected. A negative TPGN regulates, a positive one runs away.
 
 from __future__ import annotations
 
+import re
 from collections import deque
-from math import copysign, isnan, nan
+from collections.abc import Callable
+from math import copysign, isfinite, isnan, nan
 
-from sim.instruments.instrument import Plant
-from sim.instruments.regulator import Regulator
-from sim.instruments.serial_line import SerialLine
-from sim.instruments.srs_commands import BUFFER_OVERFLOW, CommandError, ExecutionError, answers, default_values
+from sim.instruments.instrument import Plant, SerialInstrument
+from sim.instruments.regulator import Regulator, Ticking
 
-TICK_S = 0.1  # of its control loop (not specified, see above)
 LONGEST_INPUT, LONGEST_OUTPUT = 64, 256  # bytes of its buffers
 TERMINATORS = (b"", b"\r", b"\n", b"\r\n", b"\n\r")
 INPUT_ERROR, QUERY_ERROR, EXECUTION_ERROR, COMMAND_ERROR = 2, 4, 16, 32  # bits of the event status register
-CURRENT_MODE, TEMPERATURE_MODE = 0, 1
+CURRENT_MODE = 0  # of TMOD
+# command errors, LCME (p. 4-38)
+ILLEGAL, UNDEFINED, ILLEGAL_QUERY, ILLEGAL_SET, MISSING, EXTRA, NULL, BUFFER_OVERFLOW, BAD_FLOAT = range(1, 10)
+BAD_INTEGER, BAD_TOKEN, BAD_TOKEN_VALUE, BAD_HEXADECIMAL, UNKNOWN_TOKEN = range(10, 15)  # the same
+OUT_OF_RANGE = 1  # execution error, LEXE: number not verified
+
+SWITCH = ("OFF", "ON")
+# mnemonic -> its words, by number
+TOKENS: dict[str, tuple[str, ...]] = {
+    "TERM": ("NONE", "CR", "LF", "CRLF", "LFCR"),
+    "TOKN": SWITCH,
+    "TEON": SWITCH,
+    "TMOD": ("CC", "CT"),
+    "TSNR": ("NTC10UA", "NTC100UA", "NTC1MA", "NTCAUTO", "RTD", "LM335", "AD590"),
+}
+# mnemonic -> default, limits
+NUMBERS: dict[str, tuple[float, float, float]] = {
+    "TEMP": (25.0, -273.15, 250.0),
+    "TMIN": (-50.0, -273.15, 250.0),
+    "TMAX": (150.0, -273.15, 250.0),
+    "TCUR": (0.0, -4.5, 4.5),
+    "TILM": (4.5, -4.5, 4.5),
+    "TVLM": (8.5, -8.5, 8.5),
+    "TPGN": (-1.0, -1000.0, 1000.0),
+    "TIGN": (0.03, 0.0, 1000.0),
+    "TDGN": (0.0, 0.0, 1000.0),
+    "TRTH": (10.0, 0.0, 1000.0),
+    "TRMN": (0.1, 0.0, 1000.0),
+    "TRMX": (300.0, 0.0, 1000.0),
+}
+# default, least and largest of each
+INTEGERS: dict[str, tuple[int, int, int]] = {"*ESE": (0, 0, 255)}
+PLAIN_COMMANDS = ("*CLS", "*OPC", "*WAI")
+UNIT = re.compile(r"(\*[A-Z]{3}|[A-Z]{4})(\?)?(.*)")
 
 
-class SrsLdc500(SerialLine):
+class CommandError(Exception):
+    """A command error, by its number in LCME."""
+
+
+class ExecutionError(Exception):
+    """An execution error, by its number in LEXE."""
+
+
+class SrsLdc500(SerialInstrument, Ticking):
     """One controller.
 
     baudrate: of the line, 1/s; inf takes no time. response_s: from a line's end to its first answer. error_s: until an
     error can be asked for. heating_sign: +1 if positive current heats as it is wired. load_ohm: of the element.
     """
-
-    identity: str
-    output_A: float
 
     def __init__(
         self,
@@ -54,45 +92,52 @@ class SrsLdc500(SerialLine):
         load_ohm: float = 2.0,
         start_s: float = 0.0,
     ) -> None:
-        super().__init__(plant)
+        super().__init__(plant, byte_s=10.0 / baudrate, start_s=start_s)
         self.identity = f"Stanford Research Systems,LDC501,{serial_number},{firmware}"
-        self.values: dict[str, float] = default_values()
-        self._byte_s = 10.0 / baudrate
+        self.values: dict[str, float] = {name: default for name, (default, _, _) in (NUMBERS | INTEGERS).items()}
+        self.values |= dict.fromkeys(TOKENS, 0.0) | {"TERM": 3.0, "TSNR": 3.0}  # TERM 3: CR and LF
         self._response_s, self._error_s, self._joined = response_s, error_s, joined
         self._heating_sign, self._load_ohm = heating_sign, load_ohm
-        # the line
         self._lines: deque[tuple[bytes, float]] = deque()
-        self._receiving_until_s = self._sending_until_s = start_s
-        # the device
-        self._now_s = start_s
         self._command_error, self._execution_error = (0, start_s), (0, start_s)
         self.event_status = 0
         self._regulator = Regulator()
         self.output_A = 0.0
         self._conversion_s, self._conversion_degC = nan, nan
-        self._ticks, self._start_s = 0, start_s
-        plant.schedule(start_s + TICK_S, self._tick)
+        self._questions: dict[str, Callable[[], str]] = {
+            "*IDN": lambda: self.identity,
+            "*ESR": self._take_event_status,
+            "*OPC": lambda: "1",
+            "*STB": lambda: "0",
+            "LCME": lambda: str(self.take_command_error()),
+            "LEXE": lambda: str(self.take_execution_error()),
+            "TTRD": lambda: number_text(self.temperature_degC()),
+            "TRAW": lambda: "10",
+            "TIRD": lambda: number_text(self.output_A),
+            "TVRD": lambda: number_text(self.output_A * self._load_ohm),
+        }
+        self._special: dict[str, Callable[[float], None]] = {
+            "TMOD": lambda value: self.change_mode(value),
+            "TILM": lambda value: self.change_current_limit(value),
+            "TEON": lambda value: self.switch(value),
+        }
+        self._start_ticking(start_s)
 
     # ---- the line -------------------------------------------------------------------------------
 
     def receive(self, data: bytes, time_s: float) -> None:
         """See `Instrument.receive`. More than 64 bytes that wait discard all of them."""
-        begin_s = max(time_s, self._receiving_until_s)
-        self._receiving_until_s = begin_s + len(data) * self._byte_s
-        *lines, rest = (self._partial + data).replace(b"\n", b"\r").split(b"\r")
-        already = len(self._partial)
-        for line in lines:
-            arrival_s = begin_s + (len(line) + 1 - already) * self._byte_s
-            begin_s, already = arrival_s, 0
-            if len(line) + 1 > LONGEST_INPUT:
-                self._overflow()
-            elif line:
-                self._lines.append((line, arrival_s))
-                self._plant.schedule(arrival_s, self._act)
-        if len(rest) > LONGEST_INPUT:
+        super().receive(data, time_s)
+        if len(self._partial) > LONGEST_INPUT:
             self._overflow()
-            rest = b""
-        self._partial = rest
+            self._partial = b""
+
+    def _take_line(self, line: bytes, arrival_s: float) -> None:
+        if len(line) + 1 > LONGEST_INPUT:
+            self._overflow()
+        elif line:
+            self._lines.append((line, arrival_s))
+            self._plant.schedule(arrival_s, self._act)
 
     def _overflow(self) -> None:
         self.event_status |= INPUT_ERROR
@@ -107,12 +152,13 @@ class SrsLdc500(SerialLine):
         texts: list[str] = []
         for unit in line.decode("latin-1").split(";"):
             try:
-                texts.extend(answers(self, unit))
+                answer = self._obey("".join(unit.split()).upper())  # white space is ignored
+                texts += [] if answer is None else [answer]
             except CommandError as error:
-                self._command_error = (error.code, time_s + self._error_s)
+                self._command_error = (error.args[0], time_s + self._error_s)
                 self.event_status |= COMMAND_ERROR
             except ExecutionError as error:
-                self._execution_error = (error.code, time_s + self._error_s)
+                self._execution_error = (error.args[0], time_s + self._error_s)
                 self.event_status |= EXECUTION_ERROR
         if not texts:
             return
@@ -121,14 +167,74 @@ class SrsLdc500(SerialLine):
         if len(data) > LONGEST_OUTPUT:
             self.event_status |= QUERY_ERROR
             return
-        due_s = max(time_s + self._response_s, self._sending_until_s) + len(data) * self._byte_s
-        self._sending_until_s = due_s
-        self._replies.append((due_s, data))
+        self._send(data, time_s + self._response_s)
+
+    # ---- commands -------------------------------------------------------------------------------
+
+    def _obey(self, text: str) -> str | None:
+        """Do one command of a line; return its answer if it is a question."""
+        if not text:
+            return None
+        parsed = UNIT.fullmatch(text)
+        if parsed is None:
+            raise CommandError(ILLEGAL)
+        name, question, rest = parsed.groups()
+        if question:
+            if name not in self._questions and name not in self.values:
+                raise CommandError(ILLEGAL_QUERY if name in PLAIN_COMMANDS else UNDEFINED)
+            if rest:
+                raise CommandError(EXTRA)
+            return self._questions[name]() if name in self._questions else self._value_text(name)
+        if name in PLAIN_COMMANDS:
+            if rest:
+                raise CommandError(EXTRA)
+            if name == "*CLS":
+                self._clear()
+        elif name not in self.values:
+            raise CommandError(ILLEGAL_SET if name in self._questions else UNDEFINED)
+        else:
+            self._set(name, rest)
+        return None
+
+    def _value_text(self, name: str) -> str:
+        value = self.values[name]
+        return TOKENS[name][int(value)] if name in TOKENS and self.values["TOKN"] else number_text(value)
+
+    def _set(self, name: str, text: str) -> None:
+        if not text:
+            raise CommandError(MISSING)
+        if "," in text:
+            raise CommandError(EXTRA)
+        values = self.values
+        if name in TOKENS:
+            value = float(_token(text, TOKENS[name]))
+        else:
+            whole = name in INTEGERS
+            value = _number(text, int if whole else float, *(INTEGERS if whole else NUMBERS)[name][1:])
+        if name == "TEMP" and not values["TMIN"] <= value <= values["TMAX"]:
+            raise ExecutionError(OUT_OF_RANGE)
+        if name == "TCUR" and abs(value) > values["TILM"]:
+            raise ExecutionError(OUT_OF_RANGE)
+        if name in self._special:
+            self._special[name](value)
+            return
+        values[name] = value
+        if name in ("TCUR", "TVLM", "TPGN"):
+            self.drive()
 
     # ---- errors ---------------------------------------------------------------------------------
 
+    def _clear(self) -> None:
+        self.event_status = 0
+        self.take_command_error()
+        self.take_execution_error()
+
+    def _take_event_status(self) -> str:
+        status, self.event_status = self.event_status, 0
+        return str(status)
+
     def take_command_error(self) -> int:
-        """`LCME?`: the last command error that has been logged by now; it is forgotten."""
+        """Return the last command error that has been logged by now and forget it, as `LCME?` does."""
         code, logged_s = self._command_error
         if logged_s > self._now_s:
             return 0
@@ -136,7 +242,7 @@ class SrsLdc500(SerialLine):
         return code
 
     def take_execution_error(self) -> int:
-        """`LEXE?`: the last execution error that has been logged by now; it is forgotten."""
+        """Return the last execution error that has been logged by now and forget it, as `LEXE?` does."""
         code, logged_s = self._execution_error
         if logged_s > self._now_s:
             return 0
@@ -146,19 +252,15 @@ class SrsLdc500(SerialLine):
     # ---- what is measured -----------------------------------------------------------------------
 
     def temperature_degC(self) -> float:
-        """The sensor's temperature; questions of one line see one conversion."""
+        """Return the sensor's temperature, degC; questions of one line see one conversion."""
         if self._conversion_s != self._now_s:
             self._conversion_s, self._conversion_degC = self._now_s, self._plant.read_temperature_degC()
         return self._conversion_degC
 
-    def voltage_V(self) -> float:
-        """Over the element."""
-        return self.output_A * self._load_ohm
-
     # ---- output ---------------------------------------------------------------------------------
 
     def change_mode(self, mode: float) -> None:
-        """TMOD: the setpoint of the new mode is what is measured now."""
+        """Change TMOD; the setpoint of the new mode is what is measured now."""
         if mode == self.values["TMOD"]:
             return
         if mode == CURRENT_MODE:
@@ -172,20 +274,20 @@ class SrsLdc500(SerialLine):
         self.drive()
 
     def change_current_limit(self, limit_A: float) -> None:
-        """TILM: the current setpoint is dragged along."""
+        """Change TILM; the current setpoint is dragged along."""
         self.values["TILM"] = abs(limit_A)
         if abs(self.values["TCUR"]) > abs(limit_A):
             self.values["TCUR"] = copysign(limit_A, self.values["TCUR"])
         self.drive()
 
     def switch(self, on: float) -> None:
-        """TEON."""
+        """Switch the output, as TEON does."""
         self.values["TEON"] = on
         self._regulator.start()
         self.drive()
 
     def drive(self) -> None:
-        """The current that follows from the settings, from now on."""
+        """Drive the current that follows from the settings from now on."""
         values, current_A = self.values, 0.0
         limit_A = min(values["TILM"], abs(values["TVLM"]) / self._load_ohm)
         if values["TEON"]:
@@ -199,10 +301,7 @@ class SrsLdc500(SerialLine):
             self.output_A = current_A
             self._plant.set_current_A(self._heating_sign * current_A)
 
-    def _tick(self, time_s: float) -> None:
-        self._ticks += 1
-        self._now_s = time_s
-        self._plant.schedule(self._start_s + (self._ticks + 1) * TICK_S, self._tick)
+    def _control(self) -> None:
         values = self.values
         if not values["TEON"] or values["TMOD"] == CURRENT_MODE:
             return
@@ -213,11 +312,35 @@ class SrsLdc500(SerialLine):
         self._regulator.step(
             values["TEMP"],
             temperature_degC,
-            TICK_S,
-            ramp_K_per_s=0.0,
             gain_percent_per_K=100.0 * abs(values["TPGN"]) / max(values["TILM"], 1e-3),
             integral_time_s=1.0 / values["TIGN"] if values["TIGN"] > 0.0 else 0.0,
             derivative_time_s=values["TDGN"],
-            damping=0.3,
         )
         self.drive()
+
+
+def number_text(value: float) -> str:
+    """Return a number as the instrument writes it (6 digits: not verified)."""
+    return "%.6g" % value  # noqa: UP031 - half the time of an f-string
+
+
+def _number(text: str, kind: type[int] | type[float], minimum: float, maximum: float) -> float:
+    try:
+        value = float(kind(text))
+    except ValueError:
+        value = nan
+    if not isfinite(value):
+        raise CommandError(BAD_INTEGER if kind is int else BAD_FLOAT)
+    if not minimum <= value <= maximum:
+        raise ExecutionError(OUT_OF_RANGE)
+    return value
+
+
+def _token(text: str, words: tuple[str, ...]) -> int:
+    if text in words:
+        return words.index(text)
+    if not (text.isascii() and text.isdigit()):
+        raise CommandError(UNKNOWN_TOKEN)
+    if int(text) >= len(words):
+        raise CommandError(BAD_TOKEN_VALUE)
+    return int(text)

@@ -1,10 +1,10 @@
-"""TCLab, byte by byte: bytes and times in, bytes and times out.
+"""TCLab, the Temperature Control Lab.
 
-Source: the board's public firmware, TCLab-sketch 1.4.0 and 2.0.1. A command is a line that ends in CR or LF or at its
-65th character, in any case of letters; an empty one is nothing, an unknown one switches both heaters off and is
-answered with itself. A word's number is read as far as it is one, else it is 0. Replies end in CR LF, the board does
-nothing else while it sends one. What is in the plant is one heater with its thermometer; the other heater's power and
-temperature are those of the air beside it. Not emulated: that opening the port restarts an Arduino Uno.
+Source: the board's public firmware, TCLab-sketch 1.4.0 and 2.0.1. A command is a line that ends in CR or LF, in any
+case of letters; an empty one is nothing, an unknown one switches both heaters off and is answered with itself. A word's
+number is read as far as it is one, else it is 0. Replies end in CR LF; the board does nothing else while it sends one.
+In the plant are one heater and its thermometer; the other heater's power warms nothing, its thermometer reads the air
+around. Not emulated: that opening the port restarts an Arduino Uno, and that a line ends at its 65th character.
 """
 
 from __future__ import annotations
@@ -13,21 +13,19 @@ import re
 from collections import deque
 from math import isnan
 
-from sim.instruments.instrument import Plant
-from sim.instruments.serial_line import SerialLine
+from sim.instruments.instrument import Plant, SerialInstrument
 
 # of the board's converter: 3.3 V in 1024 steps, a TMP36 at 10 mV/K with 0.5 V at 0 degC
 DEGC_PER_STEP, LOWEST_DEGC, LARGEST_STEP = 0.3223, -50.0, 1023
 FULL_PWM = 200  # of 255, the firmware's power limit of heater 1: full drive
-LONGEST_LINE = 64
 NUMBER = re.compile(r"[+-]?\d*\.?\d*")
 
 
-class TcLab(SerialLine):
-    """One board. version: of its firmware. heater: which one is on the plate.
+class TcLab(SerialInstrument):
+    """One board. version: of its firmware. heater: the one that is on the plate.
 
-    full_drive_A: what the plant gets at 100 % with the power limit that is usual, 200. command_s: that the board takes
-    for a command. baudrate: of the line, 1/s; inf takes no time.
+    full_drive_A: current into the plant at 100 % with the usual power limit, 200. command_s: that the board takes for a
+    command. baudrate: of the line, 1/s; inf takes no time.
     """
 
     def __init__(
@@ -42,47 +40,35 @@ class TcLab(SerialLine):
         baudrate: float = 115200.0,
         start_s: float = 0.0,
     ) -> None:
-        super().__init__(plant)
+        super().__init__(plant, byte_s=10.0 / baudrate, start_s=start_s)
         self._version = tuple(int(part) for part in re.findall(r"\d+", version)[:3])
         self._identity = f"TCLab Firmware {version} {board}"
-        self._heater, self._full_drive_A = heater, full_drive_A
-        self._byte_s, self._command_s = 10.0 / baudrate, command_s
+        self._heater, self._full_drive_A, self._command_s = heater, full_drive_A, command_s
         self._lines: deque[bytes] = deque()
-        self._receiving_until_s = self._busy_until_s = start_s
         self.heaters = {1: 0.0, 2: 0.0}  # percent
         self.power_limits = {1: float(FULL_PWM), 2: 100.0}
         self.led_percent = 100.0
 
     # ---- the line -------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, time_s: float) -> None:
-        """See `Instrument.receive`."""
-        arrival_s = max(time_s, self._receiving_until_s)
-        for byte in data:
-            arrival_s += self._byte_s
-            if byte not in b"\r\n" and len(self._partial) < LONGEST_LINE:
-                self._partial += bytes((byte,))
-                continue
-            if self._partial:
-                self._lines.append(self._partial)
-                self._plant.schedule(arrival_s, self._work)
-            self._partial = b""
-        self._receiving_until_s = arrival_s
+    def _take_line(self, line: bytes, arrival_s: float) -> None:
+        if line:
+            self._lines.append(line)
+            self._plant.schedule(arrival_s, self._work)
 
     def _next_reply_s(self) -> float | None:
-        return max(self._receiving_until_s, self._busy_until_s) if self._lines else None
+        return max(self._receiving_until_s, self._sending_until_s) if self._lines else None
 
     def _work(self, time_s: float) -> None:
-        """The next command, once the reply to the one before has been sent."""
-        if time_s < self._busy_until_s:
-            self._plant.schedule(self._busy_until_s, self._work)
+        """Obey the next command, once the reply to the one before has been sent."""
+        if time_s < self._sending_until_s:
+            self._plant.schedule(self._sending_until_s, self._work)
             return
         line = self._lines.popleft()
         replies = self._obey(line.upper().decode("latin-1"))  # bytes: only ASCII letters become capitals
-        text = "".join(f"{reply}\r\n" for reply in replies).encode("latin-1")
-        self._busy_until_s = time_s + self._command_s + len(text) * self._byte_s
-        if text:
-            self._replies.append((self._busy_until_s, text))
+        self._sending_until_s = time_s + self._command_s
+        if replies:
+            self._send("".join(f"{reply}\r\n" for reply in replies).encode("latin-1"), time_s)
 
     # ---- commands -------------------------------------------------------------------------------
 
@@ -91,19 +77,15 @@ class TcLab(SerialLine):
         name = word.strip()
         value = _number(rest if space else line)
         number = int(name[1]) if name[1:] in ("1", "2") else 0
-        if number and name[0] == "Q":
-            self._heat(number, value)
+        if number and name[0] in "QR":
+            if name[0] == "Q":
+                self._heat(number, value)
             return [self._measured(self.heaters[number])]
         if number and name[0] == "P":
             self.power_limits[number] = min(255.0, max(0.0, value))
             return [f"{self.power_limits[number]:.2f}"]
-        if number and name[0] == "R":
-            return [self._measured(self.heaters[number])]
         if number and name[0] == "T":
             return [self._measured(self._temperature_degC(number))]
-        return self._obey_word(name, value)
-
-    def _obey_word(self, name: str, value: float) -> list[str]:
         if name == "VER":
             return [self._identity]
         if name == "SCAN":
@@ -124,7 +106,7 @@ class TcLab(SerialLine):
         return f"{value:.3f}" if self._version >= (2,) else f"{value:.2f}"
 
     def _temperature_degC(self, number: int) -> float:
-        """What the converter makes of it: the mean of ten conversions from version 1.6.0 on."""
+        """Return the mean of the board's conversions, ten from version 1.6.0 on."""
         count = 10 if self._version >= (1, 6) else 1
         return sum(self._converted_degC(number) for _ in range(count)) / count
 
@@ -144,7 +126,7 @@ class TcLab(SerialLine):
 
 
 def _number(text: str) -> float:
-    """The number that a text begins with, else 0."""
+    """Return the number that a text begins with, else 0."""
     found = NUMBER.match(text.strip())
     try:
         return float(found[0]) if found is not None else 0.0

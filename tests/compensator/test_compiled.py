@@ -15,11 +15,13 @@ import pytest
 
 CALLER = """
 import sys
+import compensator
 import compensator.compiled as compiled
 from compensator.compiled import cfunc, njit
 import callee
 from callee import scaled
 compiled.FEW = 0
+compensator.listeners.append(lambda text: print(text, file=sys.stderr))
 
 @njit
 def doubled(x):

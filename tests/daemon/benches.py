@@ -17,11 +17,10 @@ from urllib.parse import urlsplit
 from rig.config.configuration import read_configuration
 from rig.core.clock import RealClock
 from rig.core.outcome import Outcome, Stopped
-from rig.daemon.answers import Answers
-from rig.daemon.control_socket import ControlSocket
-from rig.daemon.desk import Desk
-from rig.daemon.keeper import Keeper
+from rig.daemon.command_queue import CommandQueue
+from rig.daemon.http_server import Requests, UnixServer
 from rig.daemon.serving import bench_of
+from rig.daemon.supervisor import Supervisor
 from rig.daemon.systemd import Notifier
 from rig.web.serving import serve
 from tests.rig.small import write_bench
@@ -69,32 +68,32 @@ def until(true: Callable[[], Any], what: str = "it") -> Any:
 
 
 class RunningBench:
-    """Desk, socket and keeper, and the page when it is asked for. ends: what its keeper has to raise at the end."""
+    """Command queue, socket and supervisor, and the page if asked for. ends: what the supervisor raises at the end."""
 
     def __init__(self, path: Path, socket: Path, ends: type[Outcome] = Stopped) -> None:
         self._ends = ends
         self._ended: Outcome | None = None
         self.file, notes = bench_of(read_configuration(path))
         self.socket = socket
-        self._listener = ControlSocket(socket)
+        self._listener = UnixServer(socket)
         self.logged: list[str] = []
-        self.desk = Desk(self.file, RealClock(), notes, log=self.logged.append)
-        self.keeper = Keeper(self.file, self.desk, Notifier())
+        self.commands = CommandQueue(self.file, RealClock(), notes, log=self.logged.append)
+        self.supervisor = Supervisor(self.file, self.commands, Notifier())
         self._thread = threading.Thread(target=self._keep, daemon=True)
-        self._listener.start(Answers(self.desk))
+        self._listener.start(Requests(self.commands))
         self._thread.start()
         self._web: threading.Thread | None = None
         self.url = ""
 
     def _keep(self) -> None:
         try:
-            self.keeper.keep()
+            self.supervisor.keep()
         except self._ends as end:
             self._ended = end
 
     def state(self) -> dict[str, Any]:
         """As the page gets it."""
-        return self.desk.state()
+        return self.commands.state()
 
     def until_state(self, word: str) -> dict[str, Any]:
         """Wait for a state."""
@@ -157,7 +156,7 @@ class RunningBench:
 
     def close(self) -> None:
         """End, the output off."""
-        self.keeper.end()
+        self.supervisor.end()
         self._thread.join(LONGEST_S)
         self._listener.close()
         if self._web is not None:
@@ -172,7 +171,7 @@ def running(path: Path, web: bool = False, ends: type[Outcome] = Stopped) -> Ite
     """A bench that is idle, and ends at the end."""
     bench = RunningBench(path, path.parent / "bench.sock", ends)
     try:
-        until(lambda: bench.desk.online and bench.desk.recent, "the bench")
+        until(lambda: bench.commands.online and bench.commands.recent, "the bench")
         if web:
             bench.serve()
         yield bench

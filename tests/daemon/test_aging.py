@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.history.aging import CATCH_UP, STEADY_S, Age, AgedClock, followed, jump_s
-from rig.history.store import DAY_S, Retention, Store
-from rig.history.tables import connect_to_read
+from rig.history.aging import CATCH_UP, STEADY_S, Age, AgingClock, followed, jump_s
+from rig.history.store import DAY_S, Retention, Store, connect_to_read
 from rig.history.writer import Writer
 
 NOON_S = 1_790_000_000.0 // 3600 * 3600
@@ -126,7 +125,7 @@ def test_the_aged_clock_never_runs_faster_than_it_may(steps: list[tuple[float, f
 
 
 def test_a_server_that_slews_and_a_busy_computer_are_no_jump() -> None:
-    clock = AgedClock()
+    clock = AgingClock()
     wall_s = NOON_S
     for k in range(10_000):
         wall_s += 1.0005

@@ -23,11 +23,11 @@ from rig.bench.simulation import simulated_world
 from rig.config.configuration import read_configuration
 from rig.core.errors import Disconnected
 from rig.core.outcome import NotConfirmedOff, Stopped
-from rig.daemon import keeper
-from rig.daemon.desk import HISTORY, Desk
-from rig.daemon.ended_before import OFF_CONTRADICTED
+from rig.daemon import supervisor
+from rig.daemon.command_queue import HISTORY, CommandQueue
+from rig.daemon.latch import OFF_CONTRADICTED
 from rig.daemon.systemd import Notifier
-from rig.guard.left_behind import Left, write_end
+from rig.guard.stale_run import write_end
 from rig.ports.open import holder
 from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.safety.switching_off import BY_ITS_DEAD_MAN
@@ -59,7 +59,7 @@ def bench_of(tmp_path: Path, fault: str) -> Iterator[tuple[RunningBench, Disobed
 
 def heated(bench: RunningBench, controller: Disobedient, path: Path) -> None:
     """A job has its current on; where it ends before, its reason is told."""
-    job = bench.desk.submit(read_configuration(path))
+    job = bench.commands.submit(read_configuration(path))
     until(lambda: controller.instrument.output_A == 1.0 or job.ended_s is not None, "the current")
     assert job.ended_s is None, job.reason
 
@@ -70,11 +70,11 @@ def test_stop_leaves_the_dead_man_in_peace(tmp_path: Path, fault: str) -> None:
         heated(bench, controller, path)
         controller.begin()
         begin_s = time.monotonic()
-        assert not bench.desk.stop("somebody").confirmed
+        assert not bench.commands.stop("somebody").confirmed
         until(lambda: controller.instrument.output_A == 0.0, "off by the dead man")
         assert time.monotonic() - begin_s < DEAD_MAN_S + 1.0 + LATE_S
         controller.heal()
-        until(lambda: bench.desk.confirmed, "the confirmation")
+        until(lambda: bench.commands.confirmed, "the confirmation")
 
 
 def test_an_output_that_somebody_else_switched_on_and_that_stays_on(tmp_path: Path) -> None:
@@ -85,10 +85,10 @@ def test_an_output_that_somebody_else_switched_on_and_that_stays_on(tmp_path: Pa
             controller.instrument._values[number] = value
         controller.instrument._move_output()
         assert controller.instrument.output_A == 0.5
-        until(lambda: not bench.desk.confirmed, "that it does not obey")
+        until(lambda: not bench.commands.confirmed, "that it does not obey")
         until(lambda: controller.instrument.output_A == 0.0, "off by the dead man")
-        until(lambda: bench.desk.confirmed, "the confirmation")
-        assert BY_ITS_DEAD_MAN in bench.desk.notes
+        until(lambda: bench.commands.confirmed, "the confirmation")
+        assert BY_ITS_DEAD_MAN in bench.commands.notes
 
 
 def test_a_controller_that_is_back_with_its_output_off_has_no_armed_loop(tmp_path: Path) -> None:
@@ -127,10 +127,10 @@ def test_an_end_while_the_output_is_unknown_says_of_which_controller(
     left: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where its port has gone since: nobody has confirmed the off that was not confirmed before."""
-    desk = cast(Desk, Mock(contradicted=left == "contradicted", virtual=False, wake=threading.Event()))
+    commands = cast(CommandQueue, Mock(contradicted=left == "contradicted", virtual=False, wake=threading.Event()))
     table = SimpleNamespace(port="/dev/one", dead_man_s=5.0)
     file = SimpleNamespace(content=SimpleNamespace(bench=SimpleNamespace(controller=table)))
-    one = keeper.Keeper(cast(Any, file), desk, Notifier())
+    one = supervisor.Supervisor(cast(Any, file), commands, Notifier())
     ways = {
         "not confirmed": [NotConfirmedOff("/dev/one: it did not confirm")],
         "gone since": [NotConfirmedOff("/dev/one: it did not confirm"), Disconnected("no such file")],
@@ -138,17 +138,17 @@ def test_an_end_while_the_output_is_unknown_says_of_which_controller(
     }[left]
 
     def open_bench(*_: object) -> Any:
-        desk.wake.set()  # nobody waits for the next attempt
+        commands.wake.set()  # nobody waits for the next attempt
         error = ways.pop(0)
         if not ways:
             one.end()
         raise error
 
-    monkeypatch.setattr(keeper, "open_bench", open_bench)
+    monkeypatch.setattr(supervisor, "open_bench", open_bench)
     with pytest.raises(NotConfirmedOff, match=r"^/dev/one: ") as ended:
         one.keep()
     assert isinstance(ended.value.__cause__, Stopped)
-    tried_again = cast(Mock, desk).enter_in_log.call_count
+    tried_again = cast(Mock, commands).enter_in_log.call_count
     assert tried_again == (left == "gone since")  # no log promises another attempt to a daemon that ends
 
 
@@ -160,20 +160,20 @@ def test_what_the_guard_found_out_holds_after_a_restart(tmp_path: Path, confirme
     (folder / "calibration.part").mkdir(parents=True)
     run = folder / "calibration.part" / "run.json"
     run.write_text(json.dumps({"format": "peltier-run/1", "start": {}}))
-    write_end(Left(str(run.parent)), "the thermometer shows 40 degC", confirmed)
+    write_end(str(run.parent), "the thermometer shows 40 degC", confirmed)
     assert json.loads(run.read_text())["stop"]["output_off_confirmed"] is confirmed
     with running(path) as bench:
-        job = bench.desk.submit(read_configuration(path))
-        until(lambda: bench.desk.queue.running is not None, "the job")
-        assert bench.desk.stop("a test").confirmed
-        until(lambda: bench.desk.queue.running is None, "its end")
-        assert bench.desk.reset("a test")
+        job = bench.commands.submit(read_configuration(path))
+        until(lambda: bench.commands.queue.running is not None, "the job")
+        assert bench.commands.stop("a test").confirmed
+        until(lambda: bench.commands.queue.running is None, "its end")
+        assert bench.commands.reset("a test")
         died = {**job.table(), "state": "running", "folder": str(folder)}
-        bench.desk.writer.do(lambda store: store.save_job(died))
-        assert bench.desk.writer.settle()
-    history = locked(bench.desk.folder / HISTORY) if lock else contextlib.nullcontext(lambda: None)
+        bench.commands.writer.do(lambda store: store.save_job(died))
+        assert bench.commands.writer.settle()
+    history = locked(bench.commands.folder / HISTORY) if lock else contextlib.nullcontext(lambda: None)
     with history as let_go, running(path, ends=Stopped if confirmed else NotConfirmedOff) as bench:
-        until(lambda: bench.desk.ticks.done > 3, "some readings")
+        until(lambda: bench.commands.ticks.done > 3, "some readings")
         if lock:  # nobody can read yet what became of the job: no other one begins
             assert "cannot be read yet" in bench.state()["no_job_because"][0]
             let_go()
@@ -187,5 +187,5 @@ def test_what_the_guard_found_out_holds_after_a_restart(tmp_path: Path, confirme
         assert "40 degC" in state["trip"]["text"]
     with running(path) as bench:
         assert not bench.state()["output_confirmed"]
-        assert bench.desk.reset("looked at it")
+        assert bench.commands.reset("looked at it")
         until(lambda: bench.state()["output_confirmed"], "the confirmation")

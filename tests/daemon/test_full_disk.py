@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from rig.config.configuration import read_configuration
-from rig.daemon import latching
-from rig.daemon.latch_file import LATCH, read
+from rig.daemon import latch
+from rig.daemon.latch import LATCH, read
 from rig.history.store import Store
 from rig.records.run_folder import RunFolder
 from tests.daemon.benches import RunningBench, until, write_current
@@ -51,7 +51,7 @@ def starts_and_waits_for_room(path: Path, make_room: Callable[[], None]) -> None
         shown = bench.ask("GET", "/api/state")[1]["warnings"]
         assert [line.split(": ")[0] for line in shown] == [line.split(": ")[0] for line in bench.state()["warnings"]]
         assert bench.ask("GET", "/health")[0] == 503
-        job = bench.desk.submit(read_configuration(path))
+        job = bench.commands.submit(read_configuration(path))
         done = bench.state()["ticks"]["done"]
         until(lambda: bench.state()["ticks"]["done"] > done + 10, "more readings")
         assert job.state == "queued"
@@ -59,7 +59,7 @@ def starts_and_waits_for_room(path: Path, make_room: Callable[[], None]) -> None
         until(lambda: job.state == "done", "the job")
         assert bench.state()["no_job_because"] == []
         assert not any("cannot be written" in line for line in bench.state()["warnings"])
-        assert read(bench.desk.folder / LATCH) is not None
+        assert read(bench.commands.folder / LATCH) is not None
 
 
 def test_a_first_start_without_room_for_latch_and_history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,7 +74,7 @@ def test_a_first_start_without_room_for_latch_and_history(tmp_path: Path, monkey
         return called
 
     no_room = OSError(errno.ENOSPC, "No space left on device")
-    monkeypatch.setattr(latching, "write", unless_full(latching.write, no_room))
+    monkeypatch.setattr(latch, "write", unless_full(latch.write, no_room))
     full_database = sqlite3.OperationalError("database or disk is full")
     monkeypatch.setattr("rig.history.store.opened", unless_full(sys.modules["rig.history.store"].opened, full_database))
     starts_and_waits_for_room(bench_in(tmp_path, tmp_path / "kept"), full.clear)
@@ -94,16 +94,16 @@ def test_a_trip_on_a_full_disk_finds_the_room_that_was_taken_before(tmp_path: Pa
             pytest.skip("no small file system can be mounted here: that needs root")
         path = bench_in(tmp_path, disk.folder / "kept")
         with closing(RunningBench(path, tmp_path / "bench.sock")) as bench:
-            until(lambda: bench.desk.recent, "rows")
+            until(lambda: bench.commands.recent, "rows")
             disk.fill()
-            bench.desk.trip("temperature_limit", "too hot")
+            bench.commands.trip("temperature_limit", "too hot")
             assert bench.state()["state"] == "tripped"
-            assert bench.desk.latching.on_disk
+            assert bench.commands.latch_store.on_disk
         with closing(RunningBench(path, tmp_path / "bench.sock")) as bench:
             assert bench.state()["trip"]["text"] == "too hot"
-            assert bench.desk.latching.on_disk
+            assert bench.commands.latch_store.on_disk
             disk.free()
-            assert bench.desk.reset("there is room again")
+            assert bench.commands.reset("there is room again")
 
 
 def test_a_disk_that_becomes_full_in_a_job_and_at_rest_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,7 +128,7 @@ def test_a_disk_that_becomes_full_in_a_job_and_at_rest_is_told(tmp_path: Path, m
     path = bench_in(tmp_path, tmp_path / "kept")
     with closing(RunningBench(path, tmp_path / "bench.sock")) as bench:
         bench.until_state("idle")
-        job = bench.desk.submit(read_configuration(path))
+        job = bench.commands.submit(read_configuration(path))
         until(lambda: job.ended_s, "the job's end")
         assert job.state == "failed", (job.state, job.reason)
         assert job.reason is not None
@@ -136,7 +136,7 @@ def test_a_disk_that_becomes_full_in_a_job_and_at_rest_is_told(tmp_path: Path, m
         assert job.reason.endswith(".part is not whole")
         assert (bench.state()["output"], bench.state()["output_confirmed"]) == ("off", True)
         logged: list[str] = []
-        monkeypatch.setattr(bench.desk, "_log", logged.append)
+        monkeypatch.setattr(bench.commands, "_log", logged.append)
         full.append(True)
         until(lambda: any("the history cannot be written: " in line for line in logged), "a line in the log")
         full.clear()

@@ -11,7 +11,7 @@ import pytest
 
 from rig.daemon import handover
 from rig.daemon.client import NoDaemon
-from rig.guard.left_behind import DIED, Left, write_end
+from rig.guard.stale_run import DIED, write_end
 
 OFF = {"state": "idle", "job": None, "output": "off", "output_confirmed": True, "output_confirmed_by": "the controller"}
 NOT_CONFIRMED = {**OFF, "output": "unknown", "output_confirmed": False, "output_confirmed_by": None}
@@ -27,23 +27,23 @@ class _Daemon:
     def __init__(self, status: int, state: dict[str, Any] | None) -> None:
         self._status, self._state = status, state
         self.asked: list[str] = []
-        self.cancelled = {"id": "7", "state": "running"}  # what "cancel" answers
+        self.cancelled = {"id": "7", "state": "running"}  # the answer to DELETE
         self.signals: dict[str, signal.Signals] = {}  # that come while something is asked or told
 
     def _signalled(self, when: str) -> None:
         if when in self.signals:
             signal.raise_signal(self.signals[when])
 
-    def ask(self, verb: str, **more: Any) -> dict[str, Any]:
-        self.asked.append(verb)
-        if verb == "submit":
-            self._signalled("submit")
-            return {"ok": True, "job": {"id": "7"}}
+    def ask(self, method: str, at: str, /, **body: Any) -> dict[str, Any]:
+        self.asked.append(method)
+        if method == "POST":
+            self._signalled("POST")
+            return {"id": "7"}
         if self._state is None:
             raise NoDaemon("the daemon is silent")
-        if verb == "cancel":
-            return {"job": self.cancelled, "state": self._state}
-        return {"state": self._state} if verb == "state" else {"result": {"rows": 3}}
+        if method == "DELETE":
+            return {**self.cancelled, "bench": self._state}
+        return self._state if at == "/api/state" else {"result": {"rows": 3}}
 
     def events(self, silence_s: float) -> Any:
         yield {"event": "state", "data": OFF}
@@ -57,11 +57,11 @@ class _Daemon:
     ("status", "state", "expected", "said"),
     [
         (0, OFF, 0, "output off, confirmed"),
-        (0, NEXT_JOB, 0, "for what the bench does now"),
+        (0, NEXT_JOB, 0, "for the bench's present work"),
         (0, NOT_CONFIRMED, 11, "OUTPUT NOT CONFIRMED OFF"),
         (0, GONE, 11, "OUTPUT NOT CONFIRMED OFF"),
         (10, OFF, 10, "output off, confirmed"),
-        (10, NEXT_JOB, 10, "for what the bench does now"),
+        (10, NEXT_JOB, 10, "for the bench's present work"),
         (10, NOT_CONFIRMED, 11, "OUTPUT NOT CONFIRMED OFF"),
         (10, GONE, 11, "OUTPUT NOT CONFIRMED OFF"),
     ],
@@ -106,7 +106,7 @@ def stand_in(daemon: _Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(handover, "Client", lambda path, silence_s: _Held(daemon))
 
 
-@pytest.mark.parametrize("when", ["submit", "follow"])
+@pytest.mark.parametrize("when", ["POST", "follow"])
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
 def test_a_signal_ends_the_job_from_the_moment_it_is_submitted(
     when: str, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
@@ -117,7 +117,7 @@ def test_a_signal_ends_the_job_from_the_moment_it_is_submitted(
     daemon.signals[when] = number
     stand_in(daemon, monkeypatch)
     assert handover.handed_over("run", tmp_path / "config.toml", None) == 128 + number
-    assert daemon.asked == ["submit", "cancel"]  # what answers has switched off, and says so: it may be gone then
+    assert daemon.asked == ["POST", "DELETE"]  # what answers has switched off, and says so: it may be gone then
     assert f"stopped by {name}; output off, confirmed" in capsys.readouterr().err
 
 
@@ -139,7 +139,7 @@ def test_a_daemon_that_goes_over_the_answer_may_have_begun_the_job(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     class Gone(_Daemon):
-        def ask(self, verb: str, **more: Any) -> dict[str, Any]:
+        def ask(self, method: str, at: str, /, **body: Any) -> dict[str, Any]:
             raise NoDaemon("the daemon has ended")
 
     stand_in(Gone(0, OFF), monkeypatch)
@@ -186,7 +186,7 @@ def test_a_job_that_waited_when_its_daemon_was_killed_never_began(
     err = capsys.readouterr().err
     assert said in err
     assert f"`peltier off {config}` switches the output off" in err
-    assert ("give it again" in err) == (status == 1)
+    assert ("submit it again" in err) == (status == 1)
 
 
 @pytest.mark.parametrize(("state", "status"), [("queued", 1), ("running", 11)])
@@ -203,11 +203,11 @@ def test_a_job_that_waited_when_its_daemon_ended_never_began(
             yield {"event": "state", "data": FREE}
             raise NoDaemon("the daemon has ended")
 
-        def ask(self, verb: str, **more: Any) -> dict[str, Any]:
-            if verb == "follow" and verb not in self.asked:
-                self.asked.append(verb)
+        def ask(self, method: str, at: str, /, **body: Any) -> dict[str, Any]:
+            if at == "/api/jobs/7" and method not in self.asked:
+                self.asked.append(method)
                 return {"job": {"id": "7", "state": state}}
-            return super().ask(verb, **more)
+            return super().ask(method, at, **body)
 
     stand_in(Ends(0, GONE), monkeypatch)
     assert handover.handed_over("run", tmp_path / "config.toml", None) == status
@@ -221,7 +221,7 @@ def test_a_job_that_waited_when_its_daemon_ended_never_began(
     [
         (True, 1, "its guard: process 5 died of SIGKILL; output off, confirmed"),
         (False, 11, "OUTPUT NOT CONFIRMED OFF: its guard: process 5 died of SIGKILL"),
-        (None, 11, "what its guard finds is in the daemon's log, and in {folder}/run.json"),
+        (None, 11, "its guard's finding is in the daemon's log, and in {folder}/run.json"),
     ],
 )
 def test_a_job_whose_daemon_was_killed_ends_as_its_guard_found(
@@ -242,7 +242,7 @@ def test_a_job_whose_daemon_was_killed_ends_as_its_guard_found(
             yield {"event": "state", "data": OFF}
             yield {"event": "job", "data": {"id": "7", "started_s": 1.0, "ended_s": None, "folder": str(folder)}}
             if confirmed is not None:
-                write_end(Left(str(folder)), "process 5 died of SIGKILL; output off, confirmed", confirmed)
+                write_end(str(folder), "process 5 died of SIGKILL; output off, confirmed", confirmed)
             raise NoDaemon("the daemon has ended")
 
     monkeypatch.setattr(handover, "GUARD_S", 0.01)
@@ -301,8 +301,8 @@ class _Held:
     def __exit__(self, *what: object) -> None:
         pass
 
-    def ask(self, verb: str, **more: Any) -> dict[str, Any]:
-        return {"ports": ["/dev/one"]} if verb == "who" else self._daemon.ask(verb, **more)
+    def ask(self, method: str, at: str, /, **body: Any) -> dict[str, Any]:
+        return {"ports": ["/dev/one"]} if at == "/daemon" else self._daemon.ask(method, at, **body)
 
     def events(self, silence_s: float) -> Any:
         return self._daemon.events(silence_s)

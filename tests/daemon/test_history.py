@@ -24,9 +24,7 @@ from hypothesis import strategies as st
 
 from rig.core.errors import PortHeld
 from rig.history import reading
-from rig.history.alone import Alone
-from rig.history.store import DAY_S, Retention, Store
-from rig.history.tables import WRITER_BUSY_S, connect_to_read
+from rig.history.store import DAY_S, WRITER_BUSY_S, FolderLock, Retention, Store, connect_to_read
 from rig.history.trouble import trouble_of
 from rig.history.writer import MOST_WAITING, Writer
 from tests.daemon.benches import until
@@ -98,13 +96,13 @@ def test_a_long_stretch_comes_from_the_roll_ups_and_keeps_its_extremes(tmp_path:
     while store.retain(end):
         pass
     store.close()
-    found = reading.stretch(path, NOON_S, end, 300)
+    found = reading.span(path, NOON_S, end, 300)
     column = found["columns"]["temperature_degC"]
     assert found["bucket_s"] >= 60
     assert len(found["time_s"]) <= 301
     assert max(column["high"]) == 90.0
     assert min(column["low"]) == 25.0
-    assert reading.stretch(path, end - 600.0, end, 300)["bucket_s"] == 0
+    assert reading.span(path, end - 600.0, end, 300)["bucket_s"] == 0
 
 
 def test_retention_deletes_what_is_older_and_nothing_else(tmp_path: Path) -> None:
@@ -142,7 +140,7 @@ def test_a_damaged_file_is_put_aside_and_told(tmp_path: Path, how: str) -> None:
         assert len(list(tmp_path.glob("history.sqlite.damaged-*"))) >= 1
     store.add([row(NOON_S)])
     store.close()
-    assert reading.stretch(path, NOON_S - 1, NOON_S + 1, 10)["time_s"] == [NOON_S]
+    assert reading.span(path, NOON_S - 1, NOON_S + 1, 10)["time_s"] == [NOON_S]
 
 
 def test_rows_are_published_after_their_commit_and_on_a_full_disk_wait_for_room(tmp_path: Path) -> None:
@@ -271,7 +269,7 @@ class Told:
             lambda: Store(path, Retention()),
             lambda one: self.shown.append(one["time_s"]),
             self.failures.append,
-            say=lambda line, stays: self.lines.append(line),
+            report=lambda line, stays: self.lines.append(line),
         )
 
 
@@ -287,7 +285,7 @@ def test_rows_wait_for_a_lock_of_ten_minutes_and_none_is_missing(
     when: str, how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A database browser that is left open with an edit in it ended runs of hours."""
-    monkeypatch.setattr("rig.history.writer.UNSAID_S", 0.0)
+    monkeypatch.setattr("rig.history.writer.UNREPORTED_S", 0.0)
     path, told = tmp_path / "h.sqlite", Told()
     stored(path, [row(NOON_S)]).close()
     writer = told.writer(path)
@@ -300,13 +298,13 @@ def test_rows_wait_for_a_lock_of_ten_minutes_and_none_is_missing(
             writer.row(row(NOON_S + k), float(k))
         writer.do(lambda store: store.save_job({"id": "1", "queued_s": 1.0}))
         until(lambda: len(told.shown) == TEN_MINUTES, "rows that are shown meanwhile")
-        text = until(writer.stands_in_the_way, "a word")
+        text = until(writer.delay, "a word")
         assert "a_database_browser" in text
         assert "close it there" in text
         assert writer.failure is None
         let_go()
     assert writer.settle()
-    assert writer.stands_in_the_way() is None
+    assert writer.delay() is None
     assert told.failures == []
     waits, again = told.lines
     assert waits.startswith("the history has to wait: ")
@@ -330,7 +328,7 @@ def test_a_backup_of_a_moment_is_not_worth_a_word(tmp_path: Path) -> None:
             writer.row(row(NOON_S + k), float(k))
         time.sleep(3.0 * WRITER_BUSY_S)  # until it has met the lock
         assert writer.trouble is not None
-        assert writer.stands_in_the_way() is None
+        assert writer.delay() is None
         let_go()
     assert writer.settle()
     writer.stop()
@@ -449,10 +447,10 @@ def test_who_reads_without_an_end_is_named_and_the_log_grows_slowly(
     with locked(path, "BEGIN;SELECT * FROM raw") as let_go:
         for k in range(1, 40):
             writer.row(row(NOON_S + k), float(k))
-            if writer.stands_in_the_way():
+            if writer.delay():
                 break
             writer.settle(0.5)
-        text = writer.stands_in_the_way()
+        text = writer.delay()
         assert text is not None
         assert "a_database_browser" in text
         assert "-wal has grown" in text
@@ -589,7 +587,7 @@ def test_a_reader_cannot_write(tmp_path: Path) -> None:
 def test_a_folder_has_one_writer_with_or_without_room_for_its_lock(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, second = Alone(tmp_path / "kept"), Alone(tmp_path / "kept")
+    first, second = FolderLock(tmp_path / "kept"), FolderLock(tmp_path / "kept")
     first.take()
     first.take()  # it has it already
     with pytest.raises(PortHeld, match=f"process {os.getpid()}"):

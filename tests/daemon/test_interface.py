@@ -80,7 +80,7 @@ def test_a_job_from_its_start_to_its_report(bench: RunningBench) -> None:
 
 def test_history_is_thinned_to_the_points_asked_for(bench: RunningBench) -> None:
     until(lambda: bench.ask("GET", "/api/history")[1]["time_s"], "rows")
-    now = bench.desk.label_s()
+    now = bench.commands.label_s()
     _, raw = bench.ask("GET", f"/api/history?from={now - 3600}&to={now + 60}&points=5000")
     assert raw["bucket_s"] == 0
     assert raw["columns"]["temperature_degC"]["mean"] == raw["columns"]["temperature_degC"]["low"]
@@ -129,10 +129,10 @@ def test_what_is_wrong_with_a_configuration_is_told_a_line_each(bench: RunningBe
 def test_loop_plane_has_points_and_the_model_of_a_job(bench: RunningBench) -> None:
     until(lambda: bench.ask("GET", "/api/loop")[1]["temperature_degC"], "points")
     model = bench.file.path.parent / "model.toml"
-    bench.desk.model, bench.desk.memory_since_s = model, bench.desk.label_s() - 0.5
+    bench.commands.model, bench.commands.memory_since_s = model, bench.commands.label_s() - 0.5
     until(lambda: bench.ask("GET", "/api/loop")[1]["memory"], "a row since the memory is known")
     status, found = bench.ask("GET", "/api/loop")
-    bench.desk.model = bench.desk.memory_since_s = None
+    bench.commands.model = bench.commands.memory_since_s = None
     assert status == 200
     assert len(found["temperature_degC"]) == len(found["resistance_ohm"])
     curves = found["model"]
@@ -149,10 +149,10 @@ def test_metrics_and_health(bench: RunningBench) -> None:
     assert b'peltier_state{state="idle"} 1.0' in text
     assert b"peltier_ticks_done_total" in text
     assert bench.ask("GET", "/health") == (200, {"ok": True})
-    real = bench.desk.state
-    bench.desk.state = lambda: real() | {"cycle_age_s": 60.0}  # type: ignore[method-assign]
+    real = bench.commands.state
+    bench.commands.state = lambda: real() | {"cycle_age_s": 60.0}  # type: ignore[method-assign]
     status, answer = bench.ask("GET", "/health")
-    bench.desk.state = real  # type: ignore[method-assign]
+    bench.commands.state = real  # type: ignore[method-assign]
     assert status == 503
     assert "control cycle" in answer["wrong"][0]
 
@@ -237,7 +237,7 @@ def test_fuzzed_bytes_on_both_sockets_kill_nothing(bench: RunningBench) -> None:
             connection.sendall(text)
         with socket.socket(socket.AF_UNIX) as connection:
             connection.connect(str(bench.socket))
-            connection.sendall(noise + b"\n" + json.dumps({"do": noise.decode("latin-1")}).encode() + b"\n[]\n{}\n")
+            connection.sendall(noise if k % 2 else b"GET /" + noise + b" HTTP/1.1\r\n\r\n")
     assert bench.ask("GET", "/health")[0] == 200
     assert bench.state()["state"] == "idle"
 

@@ -24,16 +24,14 @@ from rig.config.configuration import read_configuration
 from rig.core.faults import Faults
 from rig.core.outcome import OfOutput
 from rig.core.patient_lines import MOST_WAITING, PatientLines
-from rig.daemon import latch_file
-from rig.daemon.admission import admit
-from rig.daemon.answers import Answers, Refusal
-from rig.daemon.desk import HISTORY
-from rig.daemon.hold import hold_of
+from rig.daemon import latch
+from rig.daemon.command_queue import HISTORY
+from rig.daemon.configurations import admit, hold_of
+from rig.daemon.http_server import Refusal, Requests
 from rig.daemon.job_run import JobRun, _end_by
-from rig.daemon.words import in_a_line, in_a_log, rows_of
+from rig.daemon.status_text import progress_line, status_rows, watch_line
 from rig.history.reading import loop_points
-from rig.history.store import Retention, Store
-from rig.history.tables import connect_to_read
+from rig.history.store import Retention, Store, connect_to_read
 from tests.daemon.benches import SERVE, RunningBench, running, until, write_current
 from tests.daemon.test_history import locked
 
@@ -46,20 +44,20 @@ def bench(tmp_path: Path) -> Iterator[RunningBench]:
 
 def ended_job(bench: RunningBench, number: str) -> dict[str, Any]:
     """A job when it has ended."""
-    tables = bench.desk.queue.tables
+    tables = bench.commands.queue.tables
     found = until(lambda: [job for job in tables() if job["id"] == number and job["ended_s"]], "the job's end")
     return dict(found[0])
 
 
 def test_memory_is_known_when_conditioning_has_ended_and_not_before() -> None:
     """A conditioning comes in two phases of that name: a look at the temperature, and the way to the hot end."""
-    desk = SimpleNamespace(
+    commands = SimpleNamespace(
         memory_since_s=None, label_s=lambda: 7.0, clock=SimpleNamespace(now_s=lambda: 0.0), changed=lambda: None
     )
-    job = cast(JobRun, SimpleNamespace(_desk=desk, _conditioning=False, _coming=[], expect=lambda phases: None))
+    job = cast(JobRun, SimpleNamespace(_commands=commands, _conditioning=False, _coming=[], expect=lambda phases: None))
     for name, known in (("polarity", None), ("condition", None), ("condition", None), ("approach", 7.0)):
         JobRun.phase(job, name, 1.0)
-        assert desk.memory_since_s == known, name
+        assert commands.memory_since_s == known, name
 
 
 def test_what_became_of_the_output_is_told_apart_whatever_its_words() -> None:
@@ -72,15 +70,15 @@ def test_what_became_of_the_output_is_told_apart_whatever_its_words() -> None:
 
 def test_starts_ends_stops_and_trips_are_logged(bench: RunningBench, monkeypatch: pytest.MonkeyPatch) -> None:
     lines: list[str] = []
-    monkeypatch.setattr(bench.desk, "_log", lines.append)
-    answers = Answers(bench.desk)
-    job = answers.answer({"do": "submit", "configuration": "config"})["job"]["id"]
+    monkeypatch.setattr(bench.commands, "_log", lines.append)
+    answers = Requests(bench.commands)
+    job = answers.answer("POST", "/api/jobs", {"configuration": "config"})[1]["id"]
     bench.until_phase("profile")
-    stopped = answers.answer({"do": "stop", "by": "a test"})
+    stopped = answers.answer("POST", "/api/stop", {"by": "a test"})[1]
     assert stopped["confirmed_by"] == "its status, and the current that it measures"
     until(lambda: any(f"job {job} config (current_profile): stopped" in line for line in lines), "the job's end")
-    answers.answer({"do": "reset", "reason": "looked at it"})
-    bench.desk.trip("a_cause", "what was wrong")
+    answers.answer("POST", "/api/reset", {"reason": "looked at it"})[1]
+    bench.commands.trip("a_cause", "what was wrong")
     told = [re.sub(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d ", "", line) for line in lines]
     assert all(a != b for a, b in zip(lines, told, strict=True))  # each begins with the time of day
     order = [f"job {job} config (current_profile): queued", f"job {job} config (current_profile): running"]
@@ -89,28 +87,28 @@ def test_starts_ends_stops_and_trips_are_logged(bench: RunningBench, monkeypatch
     stop = next(line for line in told if line.startswith("STOP by a test: output off, confirmed in"))
     reset, trip = told.index("reset: looked at it"), told.index("TRIPPED, a_cause: what was wrong")
     assert 2 <= told.index(stop) < reset < trip
-    assert [output for what, output in rows_of(bench.state()) if what == "output"] == [
+    assert [output for what, output in status_rows(bench.state()) if what == "output"] == [
         "off, confirmed by the controller (its status, and the current that it measures)"
     ]
     unknown = bench.state() | {"output": "unknown", "output_confirmed": False}
-    assert dict(rows_of(unknown))["output"] == "unknown, NOT CONFIRMED: switch the controller off by hand"
+    assert dict(status_rows(unknown))["output"] == "unknown, NOT CONFIRMED: switch the controller off by hand"
 
 
 def test_a_job_ends_where_its_history_is_deleted_and_what_is_latched_stays(bench: RunningBench) -> None:
     text = bench.file.path.read_text()
-    job = Answers(bench.desk).answer({"do": "submit", "text": text, "name": "long"})["job"]["id"]
+    job = Requests(bench.commands).answer("POST", "/api/jobs", {"text": text, "name": "long"})[1]["id"]
     bench.until_phase("profile")
-    shutil.rmtree(bench.desk.folder)
+    shutil.rmtree(bench.commands.folder)
     ended = ended_job(bench, job)
     assert "moved or deleted" in ended["reason"]
     assert bench.until_state("tripped")["output_confirmed"] is True
-    until(lambda: bench.desk.writer.failure is None, "a new history")
-    until(lambda: bench.desk.latching.on_disk, "the latch")
+    until(lambda: bench.commands.writer.failure is None, "a new history")
+    until(lambda: bench.commands.latch_store.on_disk, "the latch")
     assert any("a new one was begun" in warning for warning in bench.state()["warnings"])
-    kept = latch_file.read(bench.desk.folder / latch_file.LATCH)
+    kept = latch.read(bench.commands.folder / latch.LATCH)
     assert kept is not None
     assert kept.state == "tripped"
-    with contextlib.closing(Store(bench.desk.folder / HISTORY, Retention())) as store:
+    with contextlib.closing(Store(bench.commands.folder / HISTORY, Retention())) as store:
         assert [one["id"] for one in store.jobs()] == [job]
 
 
@@ -134,13 +132,13 @@ def test_whoever_does_not_read_the_log_holds_up_nobody(monkeypatch: pytest.Monke
 
 def test_a_job_that_was_ended_has_its_report(bench: RunningBench) -> None:
     text = bench.file.path.read_text()
-    job = Answers(bench.desk).answer({"do": "submit", "text": text, "name": "long"})["job"]["id"]
+    job = Requests(bench.commands).answer("POST", "/api/jobs", {"text": text, "name": "long"})[1]["id"]
     bench.until_phase("profile")
-    until(lambda: len(bench.desk.recent) > 5)
-    bench.desk.cancel(job, "a test")
+    until(lambda: len(bench.commands.recent) > 5)
+    bench.commands.cancel(job, "a test")
     ended = ended_job(bench, job)
     assert ended["report"] == f"/runs/{job}/report.html"
-    shown = dict(rows_of(bench.state()))
+    shown = dict(status_rows(bench.state()))
     assert job in shown["last job"]
     assert shown["report"] == f"{ended['folder']}/report.html"
     assert "ended early" in (Path(ended["folder"]) / "report.html").read_text()
@@ -150,10 +148,10 @@ def test_health_tells_of_a_latch_that_cannot_be_written(bench: RunningBench) -> 
     bench.serve()
     assert bench.ask("GET", "/health")[0] == 200
     with contextlib.ExitStack() as stack:
-        stack.callback(setattr, bench.desk.latching, "_asked", bench.desk.latching._asked)
-        stack.callback(setattr, bench.desk.latching, "fault", None)
-        bench.desk.latching._asked += 1  # as where the thread that writes has tried, and could not
-        bench.desk.latching.fault = "bench.latch: No space left on device"
+        stack.callback(setattr, bench.commands.latch_store, "_asked", bench.commands.latch_store._asked)
+        stack.callback(setattr, bench.commands.latch_store, "fault", None)
+        bench.commands.latch_store._asked += 1  # as where the thread that writes has tried, and could not
+        bench.commands.latch_store.fault = "bench.latch: No space left on device"
         status, answer = bench.ask("GET", "/health")
     assert status == 503
     assert "the latch cannot be written" in answer["wrong"][0]
@@ -191,9 +189,9 @@ def test_a_hold_is_the_benchs_own_configuration_with_another_experiment(tmp_path
 )
 def test_a_hold_that_is_none_is_refused(tmp_path: Path, question: dict[str, Any], says: str) -> None:
     file = read_configuration(write_current(tmp_path))
-    desk = SimpleNamespace(file=file, model=None, configurations=tmp_path, queue=[])
+    commands = SimpleNamespace(file=file, model=None, configurations=tmp_path, queue=[])
     with pytest.raises(Refusal) as refusal:
-        Answers(cast(Any, desk)).answer({"do": "submit", **question})
+        Requests(cast(Any, commands)).answer("POST", "/api/jobs", {**question})
     assert refusal.value.status == 422
     assert says in refusal.value.lines[0]
 
@@ -208,7 +206,7 @@ def test_an_experiment_written_in_another_way_is_left_alone(tmp_path: Path) -> N
 
 
 def test_a_hold_runs_through_the_same_door(bench: RunningBench) -> None:
-    job = Answers(bench.desk).answer({"do": "submit", "hold_degC": 59.5, "hold_s": 1})["job"]
+    job = Requests(bench.commands).answer("POST", "/api/jobs", {"hold_degC": 59.5, "hold_s": 1})[1]
     assert (job["name"], job["kind"]) == ("hold 59.5 degC", "hold")
     ended = ended_job(bench, job["id"])
     assert (ended["state"], ended["reason"]) == ("done", None)
@@ -227,7 +225,7 @@ def test_the_procedure_for_pymeasure_does_what_the_page_says(bench: RunningBench
     procedure.low_degC, procedure.high_degC, procedure.steps, procedure.hold_s = 59.5, 59.0, 2, 1.0
     procedure.emit, procedure.should_stop = lambda kind, row: rows.append(row), lambda: False
     procedure.execute()
-    jobs = [(job["name"], job["state"]) for job in bench.desk.queue.tables()]
+    jobs = [(job["name"], job["state"]) for job in bench.commands.queue.tables()]
     assert jobs == [("hold 59 degC", "done"), ("hold 59.5 degC", "done")]
     assert len(rows) >= 4
     assert all(50.0 < row["temperature_degC"] < 62.0 and row["resistance_ohm"] > 100.0 for row in rows)
@@ -276,20 +274,22 @@ def test_a_memory_that_is_not_caught_up_with_is_not_told_as_where_the_film_stand
 def test_a_job_that_was_handed_over_is_told_in_a_line() -> None:
     row = {"time_s": 103.0, "temperature_degC": 61.234, "resistance_ohm": 12340.0, "current_A": 0.5}
     job = {"phase": "track", "elapsed_s": 310.0, "to_go_s": 60.0, "drive_unit": "A"}
-    assert in_a_line(row, job, 100.0) == "track     5:13 of about 6:10, 0:57 to go   61.23 degC   12.34 kohm   0.50 A"
-    heater = in_a_line(row, {**job, "drive_unit": "of full drive"}, 100.0)
+    assert (
+        progress_line(row, job, 100.0) == "track     5:13 of about 6:10, 0:57 to go   61.23 degC   12.34 kohm   0.50 A"
+    )
+    heater = progress_line(row, {**job, "drive_unit": "of full drive"}, 100.0)
     assert heater.endswith("0.50 of full drive")
 
 
 def test_what_is_shown_of_an_instrument_that_says_nothing_is_told_as_old(bench: RunningBench) -> None:
     state = bench.until_state("idle")
     state["reading"] |= {"time_s": 100.0, "temperature_degC": 61.234, "quality": "good"}
-    assert dict(rows_of({**state, "time_s": 101.0}))["reading"] == "good, 1 s ago"
+    assert dict(status_rows({**state, "time_s": 101.0}))["reading"] == "good, 1 s ago"
     for word, at_s in (("idle", 108.0), ("tripped", 108.0), ("offline", 101.0)):
         then = {**state, "state": word, "time_s": at_s}
-        old = f"NONE for {at_s - 100.0:.0f} s: what is shown is of before"
-        assert dict(rows_of(then))["reading"] == old
-        assert f"reading: {old}" in in_a_log(then)
+        old = f"NONE for {at_s - 100.0:.0f} s: the values shown are older"
+        assert dict(status_rows(then))["reading"] == old
+        assert f"reading: {old}" in watch_line(then)
 
 
 def test_a_line_of_watch_has_the_time_of_day(bench: RunningBench) -> None:
@@ -297,8 +297,8 @@ def test_a_line_of_watch_has_the_time_of_day(bench: RunningBench) -> None:
     state["reading"] |= {"time_s": 100.0, "temperature_degC": 61.234, "resistance_ohm": 12340.0, "current_A": 0.0}
     state["time_s"] = 101.0
     day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(101.0))
-    assert in_a_log(state) == f"{day} idle     -           61.234 degC  0.000 A  12.34 kohm"
-    assert in_a_log({**state, "output_confirmed": False}).endswith("  OUTPUT NOT CONFIRMED")
+    assert watch_line(state) == f"{day} idle     -           61.234 degC  0.000 A  12.34 kohm"
+    assert watch_line({**state, "output_confirmed": False}).endswith("  OUTPUT NOT CONFIRMED")
 
 
 def test_the_unit_for_systemd_says_what_the_daemon_does(root: Path) -> None:
@@ -306,8 +306,8 @@ def test_the_unit_for_systemd_says_what_the_daemon_does(root: Path) -> None:
     import shutil
     import subprocess
 
-    from rig.daemon.keeper import JOB_ENDS_S
-    from rig.daemon.places import SYSTEM
+    from rig.daemon.client import SYSTEM
+    from rig.daemon.supervisor import JOB_ENDS_S
 
     text = (root / "docs" / "peltier.service").read_text()
     unit = configparser.ConfigParser(strict=False, interpolation=None, comment_prefixes=("#",))
@@ -335,24 +335,24 @@ def test_the_unit_for_systemd_says_what_the_daemon_does(root: Path) -> None:
 def test_a_history_that_is_locked_in_mid_run_ends_no_run(bench: RunningBench) -> None:
     """A database browser ended runs of hours after 5 s."""
     text = bench.file.path.read_text()
-    with locked(bench.desk.folder / HISTORY) as let_go:
-        job = Answers(bench.desk).answer({"do": "submit", "text": text, "name": "beside a lock"})["job"]["id"]
+    with locked(bench.commands.folder / HISTORY) as let_go:
+        job = Requests(bench.commands).answer("POST", "/api/jobs", {"text": text, "name": "beside a lock"})[1]["id"]
         bench.until_phase("profile")
-        until(lambda: bench.desk.writer.trouble, "the lock")
+        until(lambda: bench.commands.writer.trouble, "the lock")
         waits = "the history has to wait: "
         warnings = until(lambda: [line for line in bench.state()["warnings"] if line.startswith(waits)], "a word")
         assert "close it there" in warnings[0]
         assert bench.state()["reading"]["quality"] == "not recorded yet"
         assert bench.state()["no_job_because"] == []
-        seen = bench.desk.recent[-1]["time_s"]
-        until(lambda: bench.desk.recent[-1]["time_s"] > seen, "rows that are shown meanwhile")
-        bench.desk.cancel(job, "a test")
+        seen = bench.commands.recent[-1]["time_s"]
+        until(lambda: bench.commands.recent[-1]["time_s"] > seen, "rows that are shown meanwhile")
+        bench.commands.cancel(job, "a test")
         assert ended_job(bench, job)["state"] == "stopped"
         assert bench.state()["trip"] is None
         let_go()
-    assert bench.desk.writer.settle()
+    assert bench.commands.writer.settle()
     assert not any("history" in line for line in bench.state()["warnings"])
-    with contextlib.closing(connect_to_read(bench.desk.folder / HISTORY)) as connection:
+    with contextlib.closing(connect_to_read(bench.commands.folder / HISTORY)) as connection:
         found = connection.execute("SELECT temperature_degC FROM raw WHERE job = ? ORDER BY id", [job])
         kept = [degC for (degC,) in found]
     with (Path(ended_job(bench, job)["folder"]) / "record.csv").open() as file:

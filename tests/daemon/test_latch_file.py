@@ -9,16 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.daemon import latch_file
-from rig.daemon.latch import CLEAR, STOPPED, TRIPPED, Kept
-from rig.daemon.latch_file import SLOT, SLOTS, Unreadable, read, write
+from rig.daemon import latch
+from rig.daemon.latch import CLEAR, SLOT, SLOTS, STOPPED, TRIPPED, Entry, Unreadable, read, write
 
-NEW = Kept(CLEAR, "new", "nothing was ever latched here", 1.79e9)
-TRIP = Kept(TRIPPED, "temperature_limit", "61.6 degC, limit 61.5 degC", 1.79e9 + 0.1)
+NEW = Entry(CLEAR, "new", "nothing was ever latched here", 1.79e9)
+TRIP = Entry(TRIPPED, "temperature_limit", "61.6 degC, limit 61.5 degC", 1.79e9 + 0.1)
 SIZE = SLOT * SLOTS
 
 
-def file_of(folder: Path, *said: Kept) -> Path:
+def file_of(folder: Path, *said: Entry) -> Path:
     path = folder / "bench.latch"
     for kept in said:
         write(path, kept)
@@ -28,7 +27,7 @@ def file_of(folder: Path, *said: Kept) -> Path:
 def test_it_says_what_was_kept_last_and_its_space_is_taken(tmp_path: Path) -> None:
     assert read(tmp_path / "bench.latch") is None
     for count in range(1, 6):
-        said = [Kept(TRIPPED if k % 2 else CLEAR, f"cause {k}", f"text {k}", float(k)) for k in range(count)]
+        said = [Entry(TRIPPED if k % 2 else CLEAR, f"cause {k}", f"text {k}", float(k)) for k in range(count)]
         path = file_of(tmp_path / str(count), *said)
         assert read(path) == said[-1]
         assert path.stat().st_size == SIZE
@@ -39,7 +38,7 @@ def test_it_says_what_was_kept_last_and_its_space_is_taken(tmp_path: Path) -> No
 @settings(max_examples=50, deadline=None)
 @given(text=st.text(max_size=6000))
 def test_any_text_fits_a_slot(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
-    path = file_of(tmp_path_factory.mktemp("text"), NEW, Kept(STOPPED, "stop", text, 1.0))
+    path = file_of(tmp_path_factory.mktemp("text"), NEW, Entry(STOPPED, "stop", text, 1.0))
     found = read(path)
     assert found is not None
     assert text.startswith(found.text)
@@ -113,7 +112,7 @@ def test_a_disk_without_room_leaves_nothing_half_made(tmp_path: Path, monkeypatc
         raise OSError(errno.ENOSPC, "No space left on device")
 
     path = file_of(tmp_path / "there", NEW)
-    monkeypatch.setattr(latch_file.os, "posix_fallocate", full)
+    monkeypatch.setattr(latch.os, "posix_fallocate", full)
     with pytest.raises(OSError, match="No space left"):
         write(tmp_path / "new" / "bench.latch", NEW)
     assert list((tmp_path / "new").iterdir()) == []

@@ -64,7 +64,7 @@ def test_what_goes_wrong_is_told(tmp_path: Path) -> None:
     Nightly(tmp_path, 3, lambda: True, told.append, lambda: at(3), [sys.executable, "-c", code]).once()
     Nightly(tmp_path, 3, lambda: True, told.append, lambda: at(3), [str(tmp_path / "nothing")]).once()
     assert told[0] == "the nightly diagnosis ended with status 2: no run folder"
-    assert "cannot be begun" in told[1]
+    assert "cannot be started" in told[1]
 
 
 def test_a_disk_that_takes_nothing_ends_no_nights(tmp_path: Path) -> None:
@@ -74,4 +74,4 @@ def test_a_disk_that_takes_nothing_ends_no_nights(tmp_path: Path) -> None:
     nightly = Nightly(tmp_path, 3, lambda: True, told.append, lambda: at(3), writes(tmp_path / "trend"))
     assert nightly.once()
     assert told[0].startswith("trend: film_lag tau_s went from 1.99 to 3.16")
-    assert told[1].startswith("trend: what was told is not kept")
+    assert told[1].startswith("trend: the list of reported changes cannot be written")

@@ -8,18 +8,18 @@ from pathlib import Path
 import pytest
 
 from rig.config.configuration import read_configuration
-from rig.daemon.gaps import Gaps
-from rig.daemon.words import rows_of
+from rig.daemon.command_queue import Gaps
+from rig.daemon.status_text import status_rows
 from tests.daemon.benches import SERVE, running, until, write_current
 
 
 def test_after_a_job_the_idle_loop_goes_on_reading(tmp_path: Path) -> None:
     with running(write_current(tmp_path, '["start 0 A", "hold 0.2 s"]', more=SERVE)) as bench:
-        job = bench.desk.submit(read_configuration(bench.file.path))
+        job = bench.commands.submit(read_configuration(bench.file.path))
         until(lambda: job.ended_s, "the job's end")
         ended_s = job.ended_s or 0.0
-        until(lambda: [row for row in list(bench.desk.recent) if row["time_s"] > ended_s][5:], "rows after it")
-        phases = [row["phase"] for row in list(bench.desk.recent)]
+        until(lambda: [row for row in list(bench.commands.recent) if row["time_s"] > ended_s][5:], "rows after it")
+        phases = [row["phase"] for row in list(bench.commands.recent)]
         assert phases.index("profile") < len(phases) - 1 - phases[::-1].index("idle")
         assert bench.state()["output_confirmed"] is True
 
@@ -34,16 +34,16 @@ def test_gaps_are_counted() -> None:
 def test_a_jump_of_the_clock_and_a_gap_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with running(write_current(tmp_path, more=SERVE)) as bench:
         logged: list[str] = []
-        bench.desk._log = logged.append
+        bench.commands._log = logged.append
         uptime_s, real = bench.state()["uptime_s"], time.time
-        monkeypatch.setattr("rig.daemon.desk.time.time", lambda: real() + 400 * 86400.0)
+        monkeypatch.setattr("rig.daemon.command_queue.time.time", lambda: real() + 400 * 86400.0)
         until(lambda: any("jumped" in line for line in bench.state()["warnings"]), "the warning")
         assert "jumped forward by 400.0 days" in logged[0]
         assert bench.state()["uptime_s"] < uptime_s + 3600.0
         monkeypatch.undo()
         until(lambda: any("jumped back by 400.0 days" in line for line in bench.state()["warnings"]), "the way back")
         gaps = bench.state()["gaps"]["count"]
-        bench.desk.gaps.cycle(bench.desk.steady_s() + 35.0, 3.0)
+        bench.commands.gaps.cycle(bench.commands.steady_s() + 35.0, 3.0)
         assert bench.state()["gaps"]["count"] == gaps + 1
-        told = dict(rows_of(bench.state()))
+        told = dict(status_rows(bench.state()))
         assert "the longest 3" in told["gaps"]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.config.configuration import read_configuration
-from rig.history.tables import connect_to_read
+from rig.history.store import connect_to_read
 from rig.records.record_file import read_record
 from tests.daemon.benches import SERVE, running, until, write_current
 
@@ -18,12 +18,12 @@ def test_the_test_current_is_that_of_the_rows_own_reading(tmp_path: Path) -> Non
     """Though the next reading, in another range maybe, has been begun when the row is written."""
     path = write_current(tmp_path, THROUGH_THE_RANGES, more=SERVE)
     with running(path) as bench:
-        job = bench.desk.submit(read_configuration(path))
+        job = bench.commands.submit(read_configuration(path))
         until(lambda: job.ended_s is not None, "the job's end")
         assert job.state == "done", job.reason
         assert job.folder is not None
-        bench.desk.writer.settle()
-        with connect_to_read(bench.desk.folder / "history.sqlite") as connection:
+        bench.commands.writer.settle()
+        with connect_to_read(bench.commands.folder / "history.sqlite") as connection:
             kept = connection.execute("SELECT resistance_ohm, meter_current_A FROM raw").fetchall()
         record = read_record(job.folder / "record.csv")
     in_history = dict(kept)
@@ -39,9 +39,11 @@ def test_the_first_reading_after_a_job_is_there(tmp_path: Path) -> None:
     """The job has asked for one more than it took: the next question would be out of step with its answer."""
     path = write_current(tmp_path, '["start 0.5 A", "hold 2 s"]', more=SERVE)
     with running(path) as bench:
-        job = bench.desk.submit(read_configuration(path))
+        job = bench.commands.submit(read_configuration(path))
         until(lambda: job.ended_s is not None, "the job's end")
         assert job.state == "done", job.reason
-        until(lambda: bench.desk.recent and bench.desk.recent[-1]["time_s"] > job.ended_s + 1.0, "rows after it")
-        rows = [row for row in bench.desk.recent if row["time_s"] > job.ended_s - 1.0]
+        until(
+            lambda: bench.commands.recent and bench.commands.recent[-1]["time_s"] > job.ended_s + 1.0, "rows after it"
+        )
+        rows = [row for row in bench.commands.recent if row["time_s"] > job.ended_s - 1.0]
     assert [row["quality"] for row in rows if row["quality"] != "good"] == []

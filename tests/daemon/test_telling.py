@@ -15,10 +15,9 @@ import pytest
 from rig.config.configuration import read_configuration
 from rig.core.faults import Faults
 from rig.daemon import systemd
-from rig.daemon.announce import WAITING, Announcer, encoded
+from rig.daemon.announcer import MOST_WAITING, Announcer, encoded, post_webhook
 from rig.daemon.serving import bench_of
 from rig.daemon.systemd import Notifier
-from rig.daemon.webhook import post
 from tests.daemon.benches import SERVE, write_current
 
 
@@ -100,7 +99,7 @@ def test_a_webhook_is_tried_again(failures: int) -> None:
         threading.Thread(target=receiver.serve_forever, daemon=True).start()
         told: list[str] = []
         url = f"http://127.0.0.1:{receiver.server_port}/hook"
-        post(url, {"event": "trip", "cause": "temperature_limit"}, told.append, (0.0, 0.0, 0.0)).join(10.0)
+        post_webhook(url, {"event": "trip", "cause": "temperature_limit"}, told.append, (0.0, 0.0, 0.0)).join(10.0)
         receiver.shutdown()
     assert told == []
     assert receiver.bodies == [{"event": "trip", "cause": "temperature_limit"}]
@@ -111,7 +110,7 @@ def test_a_webhook_that_nobody_answers_is_told_of() -> None:
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))
         port = closed.getsockname()[1]
-        post(f"http://127.0.0.1:{port}/", {"event": "trip"}, told.append, (0.0, 0.0)).join(10.0)
+        post_webhook(f"http://127.0.0.1:{port}/", {"event": "trip"}, told.append, (0.0, 0.0)).join(10.0)
     assert len(told) == 1
     assert "2 tries" in told[0]
 
@@ -133,7 +132,7 @@ def test_a_webhook_that_speaks_no_http_is_told_of() -> None:
 
         threading.Thread(target=answer, daemon=True).start()
         url = f"http://127.0.0.1:{server.getsockname()[1]}/SECRET"
-        post(url, {"event": "trip"}, told.append, (0.0, 0.0)).join(10.0)
+        post_webhook(url, {"event": "trip"}, told.append, (0.0, 0.0)).join(10.0)
     assert told == ["webhook: BadStatusLine (2 tries)"]
     assert tries == 2
 
@@ -141,9 +140,9 @@ def test_a_webhook_that_speaks_no_http_is_told_of() -> None:
 def test_a_listener_who_is_too_slow_is_let_go_and_the_others_are_not() -> None:
     announcer = Announcer()
     slow, quick = announcer.listen(), announcer.listen()
-    for k in range(WAITING + 10):
-        announcer.tell("row", {"k": k})
-        assert json.loads(quick.get_nowait() or b"")["data"]["k"] == k
+    for k in range(MOST_WAITING + 10):
+        announcer.announce("row", {"k": k})
+        assert quick.get_nowait() == b'event: row\ndata: {"k":%d}\n\n' % k
     last = None
     while not slow.empty():
         last = slow.get_nowait()

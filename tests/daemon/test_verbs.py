@@ -37,13 +37,13 @@ class Daemon:
     instruments: dict[str, Any]
     notified: socket.socket
 
-    def ask(self, do: str, **more: Any) -> dict[str, Any]:
+    def ask(self, method: str, path: str, /, **body: Any) -> Any:
         with Client(self.folder / "bench.sock") as client:
-            return client.ask(do, **more)
+            return client.ask(method, path, **body)
 
     def until(self, word: str) -> dict[str, Any]:
         """Wait for a state."""
-        return until(lambda: s if (s := self.ask("state")["state"])["state"] == word else None, word)
+        return until(lambda: s if (s := self.ask("GET", "/api/state"))["state"] == word else None, word)
 
 
 @contextlib.contextmanager
@@ -147,7 +147,7 @@ def long_run(here: Daemon, tmp_path: Path, name: str = "long", begins: bool = Tr
     )
     if not begins:
         return process
-    until(lambda: (here.ask("state")["state"]["job"] or {}).get("phase") == "profile", "the job")
+    until(lambda: (here.ask("GET", "/api/state")["job"] or {}).get("phase") == "profile", "the job")
     until(lambda: output_is_on(here), "the output coming on")
     return process
 
@@ -174,8 +174,8 @@ def test_a_calibration_is_handed_over_too(here: Daemon, tmp_path: Path) -> None:
         stderr=subprocess.STDOUT,
         text=True,
     )
-    until(lambda: (here.ask("state")["state"]["job"] or {}).get("phase") not in (None, "working"), "the loop")
-    assert here.ask("jobs")["jobs"][0]["kind"] == "calibration"
+    until(lambda: (here.ask("GET", "/api/state")["job"] or {}).get("phase") not in (None, "working"), "the loop")
+    assert here.ask("GET", "/api/jobs")[0]["kind"] == "calibration"
     process.send_signal(signal.SIGINT)
     status, text = ended(process)
     assert status == 130, text
@@ -196,7 +196,7 @@ def test_stop_and_reset(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
     assert status == 1
     assert "stopped by peltier stop; output off, confirmed by the controller" in text
     process = long_run(here, tmp_path, "later", begins=False)
-    until(lambda: here.ask("state")["state"]["queue"], "a job that waits")
+    until(lambda: here.ask("GET", "/api/state")["queue"], "a job that waits")
     assert peltier("reset", "--reason", "")[0] == 2
     assert peltier("reset", "--reason", "a test")[0] == 0
     until(lambda: output_is_on(here), "its beginning")
@@ -210,12 +210,12 @@ def test_stop_and_reset(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
 
 
 def test_stop_by_its_own_listener(here: Daemon) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", here.ask("state")["state"]["stop_port"], timeout=STARTS_S)
+    connection = http.client.HTTPConnection("127.0.0.1", here.ask("GET", "/api/state")["stop_port"], timeout=STARTS_S)
     connection.request("POST", "/api/stop", headers=HEADERS)
     assert json.loads(connection.getresponse().read())["confirmed"]
     connection.close()
     assert here.until("stopped")["stop"]["cause"] == "stop"
-    assert here.ask("reset", reason="the next test")["ok"]
+    assert here.ask("POST", "/api/reset", reason="the next test")["reset"]
     here.until("idle")
 
 
@@ -230,7 +230,7 @@ def test_off_by_the_daemon(here: Daemon, peltier: Peltier) -> None:
 def test_a_second_daemon_is_told_who_is_there(
     here: Daemon, peltier: Peltier, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    by = f"held by process {here.ask('who')['pid']}"
+    by = f"held by process {here.ask('GET', '/daemon')['pid']}"
     status, _, err = peltier("serve", here.path)  # the same name
     assert status == 75
     assert by in err
@@ -244,7 +244,7 @@ def test_a_second_daemon_is_told_who_is_there(
     status, _, err = peltier("serve", other)  # the same ports
     assert status == 75
     assert by in err
-    assert here.ask("state")["state"]["state"] == "idle"
+    assert here.ask("GET", "/api/state")["state"] == "idle"
 
 
 def output_is_on(here: Daemon) -> bool:
@@ -254,7 +254,7 @@ def output_is_on(here: Daemon) -> bool:
 def test_a_bench_process_that_is_killed_leaves_the_output_off(ending: Daemon, peltier: Peltier, tmp_path: Path) -> None:
     process = long_run(ending, tmp_path)
     assert output_is_on(ending)
-    os.kill(ending.ask("who")["pid"], signal.SIGKILL)
+    os.kill(ending.ask("GET", "/daemon")["pid"], signal.SIGKILL)
     until(lambda: not output_is_on(ending), "the output going off")
     status, text = ended(process)
     assert status == 1, text
@@ -276,7 +276,7 @@ def test_a_bench_process_that_is_killed_leaves_the_output_off(ending: Daemon, pe
 
 def test_sigterm_ends_it_with_the_output_off(ending: Daemon) -> None:
     """One that began where another had been killed."""
-    os.kill(ending.ask("who")["pid"], signal.SIGKILL)
+    os.kill(ending.ask("GET", "/daemon")["pid"], signal.SIGKILL)
     ending.process.wait(STARTS_S)
     again = subprocess.Popen(
         [sys.executable, "-m", "rig", "serve", str(ending.path)],

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from rig.daemon.worker import Worker
+from rig.daemon.supervisor import Worker
 
 
 def test_tasks_run_one_after_the_other_in_one_thread() -> None:

@@ -59,7 +59,9 @@ def writable(tmp_path: Path) -> Iterator[Rig]:
 def test_a_reading_has_its_own_time_its_unit_and_the_limits(read_only: Rig) -> None:
     bench, pva, _ = read_only
     value = pva.get("TEMPERATURE")
-    row = until(lambda: next((r for r in list(bench.desk.recent) if abs(r["time_s"] - value.timestamp) < 1e-4), None))
+    row = until(
+        lambda: next((r for r in list(bench.commands.recent) if abs(r["time_s"] - value.timestamp) < 1e-4), None)
+    )
     assert float(value) == row["temperature_degC"]
     assert value.severity == NO_ALARM
     assert value.raw.display.units == "degC"
@@ -73,15 +75,15 @@ def test_a_reading_has_its_own_time_its_unit_and_the_limits(read_only: Rig) -> N
 
 def test_beyond_the_limits_is_a_major_alarm(read_only: Rig) -> None:
     bench, pva, _ = read_only
-    row = {**bench.desk.recent[-1], "temperature_degC": 400.0, "time_s": time.time()}
-    until(lambda: bench.desk.announcer.tell("row", row) or pva.get("TEMPERATURE").severity == MAJOR)
+    row = {**bench.commands.recent[-1], "temperature_degC": 400.0, "time_s": time.time()}
+    until(lambda: bench.commands.announcer.announce("row", row) or pva.get("TEMPERATURE").severity == MAJOR)
 
 
 def test_stop_is_for_everybody_and_nothing_else_can_be_written(read_only: Rig) -> None:
     from p4p.client.thread import RemoteError
 
     bench, pva, ca_port = read_only
-    job = bench.desk.submit(bench.file, "a run", None, None)
+    job = bench.commands.submit(bench.file, "a run", None, None)
     bench.until_state("running")
     pva.until("STATE", lambda state: int(state) == 1)
     until(lambda: pva.text("JOB:ID") == job.id)
@@ -133,7 +135,7 @@ def test_a_hold_is_started_ended_and_reset_with_a_reason(writable: Rig) -> None:
     pva.put("HOLD:DURATION", 300.0)
     pva.put("HOLD:START", 1)
     assert pva.get("COMMAND:RESULT").severity == NO_ALARM
-    job = bench.desk.queue.find(pva.text("COMMAND:JOB"))
+    job = bench.commands.queue.find(pva.text("COMMAND:JOB"))
     assert job is not None
     until(lambda: job.started_s is not None or job.ended_s is not None, "the hold's beginning")
     assert job.ended_s is None, job.reason
@@ -155,14 +157,14 @@ def test_a_hold_is_started_ended_and_reset_with_a_reason(writable: Rig) -> None:
 
 BEGAN_BEFORE_THE_ANSWER = """
 from softioc import builder
-from rig.epics import commands, questions
+from rig.epics import commands
 from rig.epics.published import Published
 builder.SetDeviceName("RIG")
-def submitted(place, **what):  # the daemon's events overtake its answer
+def submitted(*asks, **body):  # the daemon's events overtake its answer
     asked.take("job", {"id": "a", "state": "running"})
-    return questions.Answer(True, "a hold: queued", "a")
+    return commands.Answer(True, "a hold: queued", "a")
 asked = commands.Commands(None, Published((0.0, 100.0), 1.0))
-questions.submit = submitted
+commands.command = submitted
 asked._hold(1)
 print(asked._job.get(), asked._job_state.get())
 asked.take("job", {"id": "another", "state": "failed"})

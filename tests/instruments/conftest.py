@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from rig.core.clock import VirtualClock
-from rig.ports import registry
+from rig.ports import protocol_sim
 from sim.instruments.instrument import Instrument
 from tests.instruments.still_plant import StillPlant
 
@@ -29,8 +29,8 @@ def attach(clock: VirtualClock) -> Iterator[Callable[[Instrument], str]]:
 
     def put(instrument: Instrument) -> str:
         names.append(f"test-{len(names)}")
-        return registry.register(names[-1], instrument, clock)
+        return protocol_sim.register(names[-1], instrument, clock)
 
     yield put
     for name in names:
-        registry.unregister(name)
+        protocol_sim.unregister(name)

@@ -9,9 +9,10 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, Refused
-from rig.drivers.averaging import Averaging
-from rig.drivers.formula_meter import FormulaMeter
+from rig.drivers.formula import FormulaMeter
+from rig.drivers.meter import Averaging
 from rig.drivers.registry import open_meter
+from rig.drivers.scpi_meter import set_filter
 from sim.instruments.hp34401a import Hp34401A
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2000 import Keithley2000
@@ -94,7 +95,7 @@ def test_conversation_of_a_filter(attach: Attach, clock: VirtualClock) -> None:
     ]
     conversation = Conversation(transcript)
     meter: Any = open_meter("keithley2000", attach(conversation), clock, first_token=7)
-    Averaging(2).apply(meter.link, ":SENS:FRES:AVER")
+    set_filter(meter.link, ":SENS:FRES:AVER", 2)
     conversation.assert_over()
 
 
@@ -115,7 +116,7 @@ class Garbled:
 def test_a_garbled_setting_is_a_fault_of_the_line() -> None:
     link: Any = Garbled()
     with pytest.raises(Corrupt, match="'R'"):
-        Averaging(2).apply(link, ":SENS:FRES:AVER")
+        set_filter(link, ":SENS:FRES:AVER", 2)
     assert link.doubted
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Refused
-from rig.drivers.meerstetter_errors import meaning_of
+from rig.drivers.meerstetter import meaning_of
 from rig.drivers.registry import open_controller
 from sim.instruments.instrument import Instrument
 from sim.instruments.meerstetter import MeerstetterTec
@@ -101,7 +101,7 @@ def test_srs_forgets_what_was_read(attach: Attach, clock: VirtualClock) -> None:
     clock.sleep_until_s(clock.now_s() + 0.1)
     status = controller.status()
     assert (status.is_error, status.code, status.meaning) == (True, 2, "undefined command")
-    assert "forgotten" in status.remedy
+    assert "forgot it" in status.remedy
     controller.clear_error()
     assert not controller.status().is_error
 

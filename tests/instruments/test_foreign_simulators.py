@@ -20,7 +20,7 @@ import pytest
 
 from rig.core.clock import RealClock, VirtualClock
 from rig.core.errors import Refused, TimedOut
-from rig.drivers.mecom import MecomLink
+from rig.drivers.meerstetter import MecomLink
 from rig.drivers.registry import open_controller
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport

@@ -13,7 +13,7 @@ from rig.core.clock import VirtualClock
 from rig.core.errors import InstrumentError
 from rig.core.reading import Reading
 from rig.drivers.registry import open_controller, open_meter
-from rig.ports import registry
+from rig.ports import protocol_sim
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller, emulated_meter
 from tests.instruments.far_ends import Answering
@@ -38,7 +38,7 @@ def emulator_of(case: Case) -> Any:
 
 def driver_on(case: Case, instrument: Instrument, clock: VirtualClock) -> tuple[Any, str]:
     name = f"fuzz-{next(_numbers)}"
-    address = registry.register(name, instrument, clock)
+    address = protocol_sim.register(name, instrument, clock)
     opener = open_meter if case.meter else open_controller
     return opener(case.driver, address, clock, **case.options, **{case.first: 1}), name
 
@@ -60,7 +60,7 @@ def test_emulators_live(case: Case, pieces: list[bytes]) -> None:
     try:
         driver.identify()  # and still answers
     finally:
-        registry.unregister(name)
+        protocol_sim.unregister(name)
 
 
 def test_digits_that_are_none() -> None:
@@ -107,4 +107,4 @@ def test_drivers_live(case: Case, pieces: list[bytes]) -> None:
         assert driver.off() is False
         driver.close()
     finally:
-        registry.unregister(name)
+        protocol_sim.unregister(name)

@@ -196,7 +196,6 @@ def test_initiate_and_fetch(host: Host, plant: StillPlant) -> None:
     assert host.say(":FETC?") == "+1.00000000E+04"
     assert host.say(":FETC?") == "+1.00000000E+04"
     assert host.say(":SENS:DATA:FRES?") == "+7.00000000E+00"
-    assert host.say(":SENS:DATA?") == "+7.00000000E+00"
 
 
 def test_fetch_waits_for_what_was_initiated(host: Host, meter: Keithley2000) -> None:

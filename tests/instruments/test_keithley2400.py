@@ -12,7 +12,7 @@ from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
 from rig.core.reading import Quality
 from rig.drivers.keithley2400 import TEST_CURRENTS_A, Keithley2400Meter
 from rig.drivers.registry import open_meter
-from rig.ports import registry
+from rig.ports import protocol_sim
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2400 import Keithley2400
 from tests.instruments.conversation import Conversation
@@ -68,7 +68,7 @@ def test_five_elements(host: Host, plant: StillPlant) -> None:
     assert int(float(status)) & 4096
     host.say("FUNC:CONC ON;FUNC:ALL")
     assert host.say(":READ?").startswith("+1.000000E+00,+1.000000E-04,+1.000000E+04,")
-    host.say("FUNC:OFF 'RES';FUNC:OFF 'CURR:DC';:SOUR:FUNC CURR;:SOUR:CURR 1E-3")
+    host.say("FUNC:CONC OFF;FUNC 'VOLT';:SOUR:FUNC CURR;:SOUR:CURR 1E-3")
     assert host.say(":READ?").startswith(f"+1.000000E+01,+1.000000E-03,{NAN},")
 
 
@@ -293,7 +293,7 @@ def test_off_is_not_confirmed_by_an_output_that_reads_on(meter: Keithley2400Mete
 
 def test_off_and_close_survive_an_unplugged_meter(meter: Keithley2400Meter) -> None:
     meter.configure(True, 1.0, 1e-3)
-    registry.unregister("test-0")
+    protocol_sim.unregister("test-0")
     assert meter.off() is False
     meter.close()
 

@@ -13,9 +13,8 @@ import pytest
 from rig.core.clock import RealClock, VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
 from rig.core.reading import Quality
-from rig.drivers.heater_drive import cools, drive_unit
-from rig.drivers.lakeshore import LakeShoreController
-from rig.drivers.lakeshore_line import TOKENS
+from rig.drivers.controller import cools, drive_unit
+from rig.drivers.lakeshore import TOKENS, LakeShoreController
 from rig.drivers.registry import open_controller
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument

@@ -9,7 +9,7 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, Refused, TimedOut
-from rig.drivers.mecom import MecomLink
+from rig.drivers.meerstetter import MecomLink
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument

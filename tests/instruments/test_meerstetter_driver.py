@@ -138,7 +138,7 @@ def test_positive_heats_however_it_is_wired(attach: Attach, clock: VirtualClock,
 
 
 def test_nothing_is_commanded_before_arming(controller: MeerstetterController, plant: StillPlant) -> None:
-    with pytest.raises(ValueError, match="outside"):
+    with pytest.raises(Refused, match="not configured"):
         controller.set_current_A(0.1)
     with pytest.raises(Refused, match="configured"):
         controller.arm_current()

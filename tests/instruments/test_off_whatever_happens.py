@@ -8,9 +8,9 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Disconnected, TimedOut
-from rig.drivers.confirmed import OFF_S
+from rig.drivers.controller import OFF_S
 from rig.drivers.registry import open_controller
-from rig.ports import registry
+from rig.ports import protocol_sim
 from sim.instruments.instrument import Instrument
 from tests.instruments.far_ends import Answering
 from tests.instruments.still_plant import StillPlant
@@ -34,11 +34,11 @@ def test_an_unplugged_device(attach: Attach, clock: VirtualClock, plant: StillPl
     controller, wire = controller_on(attach, clock, case, plant, 1, ())
     if controller.commands_current:
         controller.set_current_A(case.strong)
-    registry.unregister("test-0")
+    protocol_sim.unregister("test-0")
     with pytest.raises(Disconnected):
         controller.read_temperature()
     assert controller.off() is False
-    registry.register("test-0", wire, clock)
+    protocol_sim.register("test-0", wire, clock)
     assert controller.off() is True
     assert plant.current_A == 0.0
 

@@ -18,7 +18,7 @@ import serial
 
 from rig.core.clock import RealClock, VirtualClock
 from rig.core.errors import Corrupt, Disconnected, PortHeld, TimedOut
-from rig.ports import registry
+from rig.ports import protocol_sim
 from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.ports.transport import Transport
@@ -97,7 +97,7 @@ def test_a_port_that_is_gone_is_told_in_the_systems_words_once(clock: VirtualClo
 def test_an_unplugged_instrument_is_disconnected(connect: Connect, clock: VirtualClock) -> None:
     source = Source((0.1, b"x\n"))
     transport = connect(source)
-    registry.unregister("test-0")
+    protocol_sim.unregister("test-0")
     for action in (
         lambda: transport.send(b"?"),
         lambda: transport.receive_line(b"\n", 1.0),
@@ -107,7 +107,7 @@ def test_an_unplugged_instrument_is_disconnected(connect: Connect, clock: Virtua
     ):
         with pytest.raises(Disconnected):
             action()
-    registry.register("test-0", source, clock)
+    protocol_sim.register("test-0", source, clock)
     transport.reopen()
     assert transport.receive_line(b"\n", 1.0) == b"x"
 
@@ -185,7 +185,7 @@ def test_sim_port_that_is_not_registered() -> None:
 def test_sim_name_is_taken_once(clock: VirtualClock, attach: Attach) -> None:
     attach(Source())
     with pytest.raises(ValueError, match="already"):
-        registry.register("test-0", Source(), clock)
+        protocol_sim.register("test-0", Source(), clock)
 
 
 def test_sim_port_is_held_by_one(attach: Attach) -> None:
@@ -200,7 +200,7 @@ def test_sim_port_is_held_by_one(attach: Attach) -> None:
 def test_sim_port_in_real_time() -> None:
     clock = RealClock()
     now_s = clock.now_s()
-    address = registry.register("real", Source((now_s + 0.05, b"x\n")), clock)
+    address = protocol_sim.register("real", Source((now_s + 0.05, b"x\n")), clock)
     try:
         transport = Transport(open_port(address, LINE), clock)
         assert transport.receive_line(b"\n", now_s + 1.0) == b"x"
@@ -208,7 +208,7 @@ def test_sim_port_in_real_time() -> None:
         with pytest.raises(TimedOut):
             transport.receive_line(b"\n", clock.now_s() + 0.02)
     finally:
-        registry.unregister("real")
+        protocol_sim.unregister("real")
 
 
 # ---- real ports -----------------------------------------------------------------------------------

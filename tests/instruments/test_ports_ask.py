@@ -6,20 +6,22 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Disconnected
-from rig.drivers.search import TRIED, tries
-from rig.ports import registry
+from rig.drivers.registry import searches, tries
+from rig.ports import protocol_sim
 from sim.instruments.registry import emulated_controller, emulated_meter
 from tests.instruments.far_ends import Answering
 from tests.instruments.still_plant import StillPlant
 
+SEARCHES = searches("sim://ask")
 
-@pytest.mark.parametrize(("role", "driver", "options"), TRIED, ids=lambda value: str(value) if value else "")
+
+@pytest.mark.parametrize(("role", "driver", "options"), SEARCHES, ids=lambda value: str(value) if value else "")
 def test_each_is_found_by_its_driver(
     role: str, driver: str, options: dict[str, object], plant: StillPlant, clock: VirtualClock
 ) -> None:
     model = {name: value for name, value in options.items() if name == "model"}
     make = emulated_controller if role == "controller" else emulated_meter
-    address = registry.register("ask", make(driver, plant, **model), clock)
+    address = protocol_sim.register("ask", make(driver, plant, **model), clock)
     try:
         found = list(tries(address, clock))
         assert found[-1][0] == driver
@@ -29,20 +31,20 @@ def test_each_is_found_by_its_driver(
         assert all(tried.identity is None for tried in found[:-1])
         assert (plant.current_A, plant.test_current_A) == (0.0, 0.0)
     finally:
-        registry.unregister("ask")
+        protocol_sim.unregister("ask")
 
 
 def test_nobody(clock: VirtualClock) -> None:
-    address = registry.register("silence", Answering(), clock)
+    address = protocol_sim.register("silence", Answering(), clock)
     try:
         said: list[str] = []
         for k, tried in enumerate(tries(address, clock, said.append), start=1):
             assert (tried.identity, tried.came) == (None, None)
-            assert said[k - 1] == f"asking as {tried.driver} does ({k} of {len(TRIED)})"
-        assert len(said) == len(TRIED)
+            assert said[k - 1] == f"asking as {tried.driver} does ({k} of {len(SEARCHES)})"
+        assert len(said) == len(SEARCHES)
         assert clock.now_s() < 60.0
     finally:
-        registry.unregister("silence")
+        protocol_sim.unregister("silence")
     with pytest.raises(Disconnected):
         next(tries("sim://not-there", clock))
 
@@ -68,9 +70,9 @@ class Saying(Answering):
 )
 def test_bytes_that_are_not_understood_are_told_from_silence(answer: bytes, says: str, clock: VirtualClock) -> None:
     """A terminator of CR, or another baud rate, made people look for a fault in their cable."""
-    address = registry.register("saying", Saying(answer), clock)
+    address = protocol_sim.register("saying", Saying(answer), clock)
     try:
         came = {tried.driver: tried.came for tried in tries(address, clock)}
         assert says in str(came["keithley2000"])
     finally:
-        registry.unregister("saying")
+        protocol_sim.unregister("saying")

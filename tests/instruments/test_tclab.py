@@ -11,11 +11,10 @@ import pytest
 from rig.core.clock import RealClock, VirtualClock
 from rig.core.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, Refused
 from rig.core.reading import Quality
-from rig.drivers.confirmed import OFF_S
-from rig.drivers.heater_drive import cools, drive_unit
+from rig.drivers.controller import OFF_S, cools, drive_unit
 from rig.drivers.registry import open_controller
 from rig.drivers.tclab import TcLabController
-from rig.ports import registry
+from rig.ports import protocol_sim
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.tclab import DEGC_PER_STEP, TcLab
@@ -286,10 +285,10 @@ def test_a_stop_does_not_wait_for_a_start(attach: Attach, clock: VirtualClock, b
     driver.configure(1.0, (10.0, 90.0), 5.0)
     driver.arm_current()
     driver.set_current_A(0.5)
-    registry.unregister("test-0")
+    protocol_sim.unregister("test-0")
     with pytest.raises(Disconnected):
         driver.read_temperature()
-    registry.register("test-0", board, clock)
+    protocol_sim.register("test-0", board, clock)
     driver.link.doubt()
     begin_s = clock.now_s()
     driver.read_temperature()  # a STOP may be behind this exchange, which opens the port anew

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, OutOfStep, TimedOut
-from rig.drivers.te_link import Dialect, TeLink
-from rig.drivers.te_models import MODELS
+from rig.drivers.te_technology import MODELS, TeLink
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
@@ -114,7 +114,7 @@ def test_two_commands_in_one_go_are_one(plant: StillPlant) -> None:
 
 # ---- the driver's link ----------------------------------------------------------------------------
 
-DIALECT = Dialect(8, True, fence_write=b"25")
+DIALECT = replace(MODELS["tc-36-25"], quiet=None)
 FENCE = [(b"*0025000000084f\r", b"*0000000888^"), (b"*00250000000950\r", b"*0000000989^")]
 
 
@@ -141,7 +141,7 @@ def test_link_of_the_other_model(attach: Attach, clock: VirtualClock) -> None:
     fence = (b"*0060\r", summed(b"258d", b"^"))
     conversation = Conversation([fence, TE_48_20[0][1:], (b"*0161\r", summed(b"ffe7", b"^")), fence])
     port = open_port(attach(conversation), LineSettings(115200))
-    te = TeLink(Transport(port, clock), MODELS["tc-48-20"].dialect, byte_s=1e-4)
+    te = TeLink(Transport(port, clock), MODELS["tc-48-20"], byte_s=1e-4)
     assert te.sequence((b"1c", 100), (b"01", None)) == [100, -25]
     conversation.assert_over()
 
@@ -193,7 +193,7 @@ def test_a_request_that_could_not_be_read_is_sent_again(attach: Attach, clock: V
 
 def test_a_wrong_acknowledgement_is_out_of_step(attach: Attach, clock: VirtualClock) -> None:
     te, conversation = link(attach, clock, [FENCE[0], (summed(b"001c000000fa", b"\r"), summed(b"000000c8", b"^"))])
-    with pytest.raises(OutOfStep, match="250 was written"):
+    with pytest.raises(OutOfStep, match="set to 250, and 200"):
         te.sequence((b"1c", 250))
     conversation.assert_over()
 

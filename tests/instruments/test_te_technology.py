@@ -61,37 +61,16 @@ def say(tec: TeTechnology, code: bytes, value: int = 0, time_s: float = 0.0) -> 
     return reply - (reply >> 31 << 32)
 
 
-def test_computer_control_takes_the_setpoint_for_power(plant: StillPlant) -> None:
-    tec = TeTechnology(plant, full_power_A=5.11)
-    for code, value in ((b"2b", 2), (b"2d", 1), (b"1c", 200)):
-        say(tec, code, value, tec._plant.time_s + 0.1)
-    assert plant.current_A == pytest.approx(2.0)
-    assert say(tec, b"02", 0, 1.0) == 200
-    assert say(tec, b"1c", -900, 2.0) == -900
-    assert plant.current_A == pytest.approx(-5.11)
-    say(tec, b"2d", 0, 3.0)
-    assert plant.current_A == 0.0
-
-
-def test_multiplier_and_wiring(plant: StillPlant) -> None:
-    tec = TeTechnology(plant, full_power_A=5.11, heating_sign=-1)
-    for index, (code, value) in enumerate(((b"2b", 2), (b"2d", 1), (b"0d", 50), (b"1c", -200))):
-        say(tec, code, value, 0.1 * index)
-    assert plant.current_A == pytest.approx(1.0)
-
-
-def test_deadband_control(plant: StillPlant) -> None:
-    tec = TeTechnology(plant)
-    for index, (code, value) in enumerate(((b"2b", 0), (b"2d", 1), (b"25", 100), (b"1c", 3000))):
+@pytest.mark.parametrize("heating_sign", [1, -1])
+def test_wiring(plant: StillPlant, heating_sign: int) -> None:
+    tec = TeTechnology(plant, heating_sign=heating_sign)
+    for index, (code, value) in enumerate(((b"1c", 3000), (b"2d", 1))):
         say(tec, code, value, 0.1 * index)
     tec.transmit(1.0)
-    assert tec.power == 511
-    plant.temperature_degC = 29.8
-    tec.transmit(2.0)
-    assert tec.power == 0
-    plant.temperature_degC = 30.8
-    tec.transmit(3.0)
-    assert tec.power == -511
+    assert tec.power > 0
+    assert plant.current_A * heating_sign > 0.0
+    say(tec, b"2d", 0, 2.0)
+    assert plant.current_A == 0.0
 
 
 def test_a_value_that_cannot_be_is_acknowledged_and_not_kept(plant: StillPlant) -> None:

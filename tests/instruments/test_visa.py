@@ -13,9 +13,8 @@ import serial
 
 from rig.core.clock import RealClock
 from rig.core.errors import Disconnected, PortHeld, TimedOut
-from rig.drivers.registry import open_meter
-from rig.drivers.search import ON_VISA, TRIED, tries
-from rig.ports import registry
+from rig.drivers.registry import open_meter, searches, tries
+from rig.ports import protocol_sim
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.keithley2450 import Keithley2450
@@ -84,7 +83,7 @@ def test_who_is_not_there(gpib: str) -> None:
 
 
 def test_a_meter_through_pyvisa_py(plant: StillPlant) -> None:
-    registry.register("visa-test", Keithley2450(plant), RealClock())
+    protocol_sim.register("visa-test", Keithley2450(plant), RealClock())
     try:
         meter = open_meter("keithley2450", "visa://ASRLsim://visa-test::INSTR", RealClock(), framing="7E2", baud=19200)
         resource: Any = meter.transport.port._resource  # type: ignore[attr-defined]
@@ -96,17 +95,18 @@ def test_a_meter_through_pyvisa_py(plant: StillPlant) -> None:
         assert plant.test_current_A == 0.0
         meter.close()
     finally:
-        registry.unregister("visa-test")
+        protocol_sim.unregister("visa-test")
 
 
 def test_who_answers_there(plant: StillPlant) -> None:
-    registry.register("visa-ask", Keithley2450(plant), RealClock())
+    protocol_sim.register("visa-ask", Keithley2450(plant), RealClock())
     try:
         found = [one.driver for one in tries("visa://ASRLsim://visa-ask::INSTR", RealClock()) if one.identity]
         assert found == ["keithley2450"]
     finally:
-        registry.unregister("visa-ask")
-    assert {driver for _, driver, _ in TRIED} > set(ON_VISA)
+        protocol_sim.unregister("visa-ask")
+    on_visa = {driver for _, driver, _ in searches("visa://GPIB0::1::INSTR")}
+    assert on_visa == {"keithley2000", "keithley2400", "keithley2450", "hp34401a", "lakeshore", "srs_ldc500"}
 
 
 # ---- what a bus does -------------------------------------------------------------------------------

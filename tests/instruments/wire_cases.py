@@ -16,7 +16,7 @@ from rig.core.reading import Reading
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import Meter
 from rig.drivers.registry import open_controller, open_meter
-from rig.ports import registry
+from rig.ports import protocol_sim
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller, emulated_meter
 from tests.instruments.faulty_wire import FaultyWire
@@ -177,7 +177,7 @@ def exchange(case: Case, seed: int, faults: tuple[str, ...], readings: int, **wi
     name = f"wire-{next(_numbers)}"
 
     def attach(end: Instrument) -> str:
-        return registry.register(name, end, clock)
+        return protocol_sim.register(name, end, clock)
 
     plant = TellTale(case.rate_K_per_s)
     opened = (meter_on if case.meter else controller_on)(attach, clock, case, plant, seed, faults, **wire)
@@ -203,7 +203,7 @@ def exchange(case: Case, seed: int, faults: tuple[str, ...], readings: int, **wi
                 found.append(f"{case}, seed {seed}: {reading.value!r} asked for at {begin_s!r} s")
         clock.sleep_until_s(clock.now_s() + 0.01)
     instrument.transport.close()
-    registry.unregister(name)
+    protocol_sim.unregister(name)
     tally.seconds = clock.now_s() - first_s
     tally.faults = sum(line.counts.values())
     return tally, found

@@ -106,7 +106,7 @@ def test_a_real_bench_is_stopped_by_its_page(tmp_path: Path) -> None:
         bench = stack.enter_context(running(path, web=True))
         overview = stack.enter_context(overviewing(written(tmp_path, {"real": bench.url}, {"real": TOKEN})))
         overview.until("real", lambda found: (found["state"] or {}).get("state") == "idle")
-        bench.desk.submit(bench.file, "a run", None, None)
+        bench.commands.submit(bench.file, "a run", None, None)
         overview.until("real", lambda found: found["state"]["state"] == "running")
         status, answer = overview.ask("POST", "/api/stop", {"bench": "real"})
         assert (status, answer["confirmed"]) == (200, True)

@@ -11,8 +11,7 @@ import pytest
 
 import rig.bench.assembly
 from compensator.thermal.plate import PlateModel
-from rig.safety.after_off import AfterOff, courses_of
-from rig.safety.courses import HeldSetpoint, of_a_plate
+from rig.safety.after_off import HeldSetpoint, OffCheck, curves_from_table, curves_of_plate
 from rig.safety.first_plate import KnownPlate
 from rig.safety.plate_watch import PlateWatch
 from sim.world.plant import SimulatedPlant
@@ -89,13 +88,13 @@ def watched(current_A: float, behind_s: float = 0.0) -> PlateWatch:
 def looked(flows_A: float, moved_K: float = 0.0, current_A: float = 1.0) -> bool | None:
     """What the look says where `flows_A` flows after the off and the thermometer had moved by so much before."""
     watch = watched(current_A)
-    courses = of_a_plate(watch, current_A, 8.0)
+    courses = curves_of_plate(watch, current_A, 8.0)
     if courses is None:
         return None
-    look = AfterOff(courses_of(json.loads(json.dumps(courses.table()))), 60.0)  # as the guard is told
+    look = OffCheck(curves_from_table(json.loads(json.dumps(courses.table()))), 60.0)  # as the guard is told
     degC = watch.copy().run_on(59.5, current_A)
     for k in range(40):
-        look.take(60.0 + 0.25 * k, degC + moved_K)
+        look.add(60.0 + 0.25 * k, degC + moved_K)
         degC = PLATE.step(degC, flows_A, 0.25)
     return look.agrees
 
@@ -110,12 +109,12 @@ def test_the_temperature_chooses() -> None:
 def test_a_current_that_ends_late_is_no_current_that_goes_on() -> None:
     for flows_s, agrees in ((4.5, True), (60.0, False)):
         watch = watched(1.0, behind_s=5.0)
-        courses = of_a_plate(watch, 1.0, 13.0)
+        courses = curves_of_plate(watch, 1.0, 13.0)
         assert courses is not None
-        look = AfterOff(courses, 60.0)
+        look = OffCheck(courses, 60.0)
         degC = watch.copy().run_on(59.5, 1.0)
         for k in range(60):
-            look.take(60.0 + 0.25 * k, degC)
+            look.add(60.0 + 0.25 * k, degC)
             degC = PLATE.step(degC, 1.0 if 0.25 * k < flows_s else 0.0, 0.25)
         assert look.agrees is agrees
 
@@ -125,7 +124,7 @@ def test_a_small_current_shows_nothing() -> None:
 
 
 def test_nothing_is_known_of_a_plate_that_nobody_has_seen() -> None:
-    assert of_a_plate(PlateWatch(4.0, 95.0, 20.0), 1.0) is None
+    assert curves_of_plate(PlateWatch(4.0, 95.0, 20.0), 1.0) is None
 
 
 def after_a_hold(
@@ -143,15 +142,15 @@ def after_a_hold(
     """
     held = HeldSetpoint()
     for k in range(6):
-        held.look(0.5 * k, round((first_degC + drift_K_per_s * 0.5 * k) / step_K) * step_K, math.nan, False)
+        held.add(0.5 * k, round((first_degC + drift_K_per_s * 0.5 * k) / step_K) * step_K, math.nan, False)
     for k in range(20):
-        held.look(60.0 + 0.5 * k, setpoint_degC + (step_K if k % 3 == 0 else 0.0), setpoint_degC, True)
-    courses = held.courses()
+        held.add(60.0 + 0.5 * k, setpoint_degC + (step_K if k % 3 == 0 else 0.0), setpoint_degC, True)
+    courses = held.curves()
     if courses is None:
         return None
-    look, plate_degC, shown_degC = AfterOff(courses, 70.0), setpoint_degC, setpoint_degC
+    look, plate_degC, shown_degC = OffCheck(courses, 70.0), setpoint_degC, setpoint_degC
     for k in range(80):
-        look.take(70.0 + 0.25 * k, round(shown_degC / step_K) * step_K)
+        look.add(70.0 + 0.25 * k, round(shown_degC / step_K) * step_K)
         plate_degC -= 0.0 if lies else 0.25 * loss_per_s * (plate_degC - 25.0)
         shown_degC += (plate_degC - shown_degC) * -math.expm1(-0.25 / lag_s)
     return look.agrees
@@ -182,5 +181,5 @@ def test_where_the_plate_would_rest_nobody_knows() -> None:
     assert after_a_hold(40.0, 0.018, 1.0, lies=True, step_K=0.1) is None
     held = HeldSetpoint()
     for k in range(40):
-        held.look(0.5 * k, 45.0, 45.0, True)  # nobody saw it at rest
-    assert held.courses() is None
+        held.add(0.5 * k, 45.0, 45.0, True)  # nobody saw it at rest
+    assert held.curves() is None

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks._watched_plant import WatchedPlant, drawn
-from rig.safety.after_off import AfterOff
-from rig.safety.courses import of_a_plate
+from rig.safety.after_off import OffCheck, curves_of_plate
 from rig.safety.first_plate import first_plate
 from rig.safety.plate_watch import PlateWatch
 
@@ -45,12 +44,12 @@ def looked(capacity: float, seed: int, lag_s: float, current_A: float, flows: fl
     for _ in range(600):
         watch.look(*bench.after(PERIOD_S, last_A), last_A)
         last_A = current_A
-    courses = of_a_plate(watch, current_A)
+    courses = curves_of_plate(watch, current_A)
     if courses is None:
         return None
-    look = AfterOff(courses, bench.plant.time_s)
-    while not look.over and bench.plant.time_s < look.ends_s:
-        look.take(*bench.after(0.25, flows * current_A))
+    look = OffCheck(courses, bench.plant.time_s)
+    while not look.decided and bench.plant.time_s < look.ends_s:
+        look.add(*bench.after(0.25, flows * current_A))
     return look.agrees
 
 

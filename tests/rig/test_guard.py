@@ -18,10 +18,9 @@ import pytest
 
 from benchmarks._killed_run import KilledRuns
 from benchmarks.disobedient import PULSE_SHARE
-from rig.guard.keep_trying import ended
+from rig.guard.liveness import is_suspended
 from rig.guard.needed import has_real_ports
-from rig.guard.suspended import is_suspended
-from rig.guard.takeover import Held, switch_off
+from rig.guard.takeover import Held, end_trying, switch_off
 from rig.ports.open import holder
 from tests.instruments.disobedient import Disobedient
 from tests.rig.small import write_bench
@@ -42,7 +41,7 @@ def test_the_output_is_off_whatever_kills_the_process(runs: KilledRuns, after_s:
     assert killed.status == 128 + number
     assert "output off, confirmed by the controller" in killed.err
     assert signal.Signals(number).name in killed.err
-    assert f"the run, as far as it went, is in {runs.path.parent.absolute()}" in killed.err
+    assert f"what was recorded is in {runs.path.parent.absolute()}" in killed.err
     assert "report.html" in killed.err
 
 
@@ -127,7 +126,7 @@ def test_the_temperature_is_asked_after_a_kill(tmp_path: Path, driver: str, lies
             made[0].begin()
         os.kill(pid, signal.SIGKILL)
         _, err = process.communicate(timeout=120.0)
-        ended(holder(runs.port)[0])
+        end_trying(holder(runs.port)[0])
     stop = json.loads(next(tmp_path.glob("run*.part/run.json")).read_text())["stop"]
     assert "output off, confirmed by the controller" in err  # at once, by what the controller says
     assert stop["reason"] == "process_died"
@@ -239,7 +238,7 @@ def test_a_busy_guard_is_not_suspended() -> None:
 CHILD = """
 import os, sys, time
 import rig.guard.process
-from rig.guard import guarded
+from rig.guard.process import guarded
 rig.guard.process.keep_trying = lambda held: print("goes on at", held.port, held.dead_man_s, file=sys.stderr)
 def work(guard):
     {work}
@@ -363,11 +362,11 @@ def test_what_stood_in_the_way_is_told() -> None:
 
 
 COURSES = """
-from rig.safety.after_off import Courses
+from rig.safety.after_off import ExpectedCurves
 guard.holds('controller', 'meerstetter', '/dev/ttyNOPE7', {})
 guard.busy()
 for k in range(2000):
-    guard.expects(Courses(0.25, (50.0 - 0.01 * k,) * 65, (50.0,) * 65, 2.5, 'the last one'))
+    guard.expects(ExpectedCurves(0.25, (50.0 - 0.01 * k,) * 65, (50.0,) * 65, 2.5, 'the last one'))
     guard.alive()
 os.kill(os.getpid(), signal.SIGSTOP)
 """

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from rig.guard import line as guard_line
-from rig.guard.line import ALIVE, GuardGone, GuardLine
+from rig.guard import pipe as guard_line
+from rig.guard.pipe import ALIVE, GuardGone, GuardPipe
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="the guard needs fork")
 
@@ -19,14 +19,14 @@ READS_AFTER_S = 5.0  # far beyond the second that the last message is waited for
 
 
 @pytest.fixture
-def pipe() -> Iterator[tuple[int, GuardLine]]:
+def pipe() -> Iterator[tuple[int, GuardPipe]]:
     reader, writer = os.pipe()
-    yield reader, GuardLine(writer, os.getpid())
+    yield reader, GuardPipe(writer, os.getpid())
     os.close(reader)
     os.close(writer)
 
 
-def fill(writer: GuardLine) -> None:
+def fill(writer: GuardPipe) -> None:
     """Until the pipe takes nothing more: half an hour of a loop at 10 Hz."""
     for _ in range(1 << 16):
         writer.alive()
@@ -57,7 +57,7 @@ def read_all(reader: int) -> list[bytes]:
     return found.splitlines(keepends=True)
 
 
-def test_a_guard_that_does_not_read_holds_up_no_loop(pipe: tuple[int, GuardLine]) -> None:
+def test_a_guard_that_does_not_read_holds_up_no_loop(pipe: tuple[int, GuardPipe]) -> None:
     reader, writer = pipe
     fill(writer)
     for tell in (writer.busy, writer.idle, writer.let_go):
@@ -69,7 +69,7 @@ def test_a_guard_that_does_not_read_holds_up_no_loop(pipe: tuple[int, GuardLine]
     assert last == ALIVE
 
 
-def test_a_message_in_two_writes_stays_in_one_piece(pipe: tuple[int, GuardLine]) -> None:
+def test_a_message_in_two_writes_stays_in_one_piece(pipe: tuple[int, GuardPipe]) -> None:
     """One thread begins a run in a folder with a long name, another ticks: the pipe takes the name in parts."""
     reader, writer = pipe
     fill(writer)
@@ -87,7 +87,7 @@ def test_a_message_in_two_writes_stays_in_one_piece(pipe: tuple[int, GuardLine])
 
 
 def test_a_guard_that_reads_nothing_for_long_does_not_watch(
-    pipe: tuple[int, GuardLine], monkeypatch: pytest.MonkeyPatch
+    pipe: tuple[int, GuardPipe], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reader, writer = pipe
     fill(writer)

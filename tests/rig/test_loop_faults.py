@@ -95,7 +95,7 @@ def test_the_meter_dies(
     status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
     assert status == 10, err
     assert "no good reading of the ohmmeter" in err
-    assert ("look at its supply and its cable" in err) == (how is FallsSilent)  # one that speaks garbage has both
+    assert ("check its supply and its cable" in err) == (how is FallsSilent)  # one that speaks garbage has both
     assert "output off, confirmed" in err
     document = json.loads((tmp_path / "run.part" / "run.json").read_text())
     assert document["stop"]["reason"] == "ohmmeter_stale"
@@ -122,7 +122,7 @@ def test_the_controller_dies_and_off_cannot_be_confirmed(
     status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
     assert status == 11
     assert "NOT CONFIRMED OFF" in err
-    said = re.search(r"nothing at all has come from it for (\S+) s: look at its supply and its cable", err)
+    said = re.search(r"nothing has come from it for (\S+) s: check its supply and its cable", err)
     assert said is not None
     assert 2.0 <= float(said[1]) < 3.0  # limits.stale_s, and the exchange that was under way
     document = json.loads((tmp_path / "run.part" / "run.json").read_text())

@@ -90,7 +90,7 @@ def test_commands_that_nobody_takes_end_it_in_time(
     assert "(controller, meerstetter): no answer to VSC351" in err
     assert "no command was acknowledged for 2." in err
     assert "expected one every 2 s" in err
-    assert "look at its supply" not in err  # it answers to all else
+    assert "check its supply" not in err  # it answers to all else
     assert "output off, confirmed" in err
     assert json.loads((tmp_path / "run.part" / "run.json").read_text())["stop"]["reason"] == "TimedOut"
 
@@ -115,7 +115,7 @@ def test_a_controller_that_falls_silent_is_told_as_such(
     path.write_text(path.read_text().replace("[bench.meter]", "dead_man_s = 1.0\n[bench.meter]"))
     status, _, err = peltier("run", path, "--out", tmp_path / "run")
     assert status == 11
-    said = re.search(r"expected one every 1 s; nothing at all has come from it for (\S+) s: look at its supply", err)
+    said = re.search(r"expected one every 1 s; nothing has come from it for (\S+) s: check its supply", err)
     assert said is not None
     assert 1.0 <= float(said[1]) < 2.0  # and the exchange that was under way
 

@@ -14,7 +14,7 @@ from rig.core.clock import VirtualClock
 from rig.core.errors import InstrumentError, Refused, TimedOut
 from rig.core.faults import Faults
 from rig.core.reading import Reading
-from rig.drivers.averaging import Averaging
+from rig.drivers.meter import Averaging
 from rig.records.record_file import read_record
 from tests.rig.small import write_bench
 

@@ -20,7 +20,7 @@ from rig.control.decision import Decision
 from rig.control.tick import Tick
 from rig.core.reading import Reading
 from rig.core.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
-from rig.daemon.words import clock
+from rig.daemon.status_text import clock
 from rig.experiment.expected import expected_calibration, expected_run
 from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.rig.small import write_bench

@@ -284,7 +284,7 @@ def test_real_ports_need_somebody_who_switches_off(tmp_path: Path) -> None:
     path = write_bench(tmp_path)
     text = path.read_text().replace("sim://", "/dev/nothing").replace('time = "virtual"', 'time = "real"')
     path.write_text(text.replace('driver = "meerstetter"', 'driver = "te_technology"'))
-    with pytest.raises(rig.Faults, match="has no dead man of its own, and there is no guard process"):
+    with pytest.raises(rig.Faults, match="has no dead man of its own, and this system has no guard process"):
         rig.open_bench(path).__enter__()
     path.write_text(text)
     with pytest.raises(Exception, match="/dev/nothing"):

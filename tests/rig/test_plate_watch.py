@@ -13,7 +13,7 @@ import pytest
 from compensator.thermal.plate import RESISTANCE_SLOPE_PRIOR_PER_K, SEEBECK_SLOPE_PRIOR_PER_K, PlateModel
 from rig.core.outcome import Tripped
 from rig.safety.first_plate import OF_A_MODEL, OF_A_PULSE, OF_PULSES, Doubt, KnownPlate, first_plate
-from rig.safety.plate_watch import PlateWatch, told_apart, watchable_rate_K_per_s
+from rig.safety.plate_watch import PlateWatch, distinct, watchable_rate_K_per_s
 from sim.inference.plate.fit import identify_plate
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
@@ -175,7 +175,7 @@ def test_a_plate_that_is_a_fifth_off_and_a_thermometer_that_shows_four_fifths_lo
     for trip in (of_another, half_off):
         assert trip is not None
         assert trip.cause == "unseen_heat"
-        assert "the plate is another than the model's: calibrate" in str(trip)
+        assert "the model is of another plate: calibrate" in str(trip)
         assert not str(trip).endswith(".")  # what became of the output is told behind it
     assert plate_degC < 75.0
 
@@ -185,7 +185,7 @@ def test_a_plate_that_is_a_fifth_off_and_a_thermometer_that_shows_four_fifths_lo
     [(2.631, 2.584, ("2.63", "2.58")), (4.0, 2.6, ("4.0", "2.6")), (2.6000001, 2.6, ("2.600", "2.600"))],
 )
 def test_what_is_more_is_shown_as_more(more: float, less: float, shown: tuple[str, str]) -> None:
-    assert told_apart(more, less) == shown
+    assert distinct(more, less) == shown
 
 
 @pytest.mark.parametrize("current_A", [3.0, -3.0])

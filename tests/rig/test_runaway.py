@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rig.core.outcome import Tripped
-from rig.safety.runaway import RunawayWatch
+from rig.safety.plate_watch import RunawayWatch
 
 CLEAN = ("peltier_8010.csv", "peltier_8020.csv", "peltier_8055.csv", "peltier_500.csv")
 

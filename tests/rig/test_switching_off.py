@@ -10,7 +10,7 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.drivers.registry import open_controller
-from rig.ports import registry
+from rig.ports import protocol_sim
 from rig.safety.switching_off import BY_ITS_DEAD_MAN, look_after_silence, off_confirmed, switch_off
 from sim.instruments.registry import emulated_controller
 from tests.instruments.disobedient import Disobedient
@@ -28,7 +28,7 @@ def armed() -> Iterator[Bench]:
     def make(driver: str, fault: str) -> tuple[Any, Disobedient, StillPlant, VirtualClock]:
         clock, plant = VirtualClock(), StillPlant()
         wrapped = Disobedient(emulated_controller(driver, plant), fault)
-        controller = open_controller(driver, registry.register("disobedient", wrapped, clock), clock)
+        controller = open_controller(driver, protocol_sim.register("disobedient", wrapped, clock), clock)
         controller.configure(4.0, (10.0, 95.0), DEAD_MAN_S)
         if controller.commands_current:
             controller.arm_current()
@@ -43,7 +43,7 @@ def armed() -> Iterator[Bench]:
         return controller, wrapped, plant, clock
 
     yield make
-    registry.unregister("disobedient")
+    protocol_sim.unregister("disobedient")
 
 
 def gone_after_s(plant: StillPlant, begin_s: float) -> float:
@@ -178,9 +178,10 @@ def test_a_status_that_comes_a_step_later_is_waited_for(armed: Bench) -> None:
 def test_an_adapter_that_comes_back_in_the_silence(armed: Bench) -> None:
     """Unplugged, the dead man acts, and the look finds the port again."""
     controller, wrapped, plant, clock = armed("meerstetter", "deaf to all")
-    registry.unregister("disobedient")
+    protocol_sim.unregister("disobedient")
     verdict = switch_off(
-        controller, alive=lambda: registry.look_up("disobedient") or registry.register("disobedient", wrapped, clock)
+        controller,
+        alive=lambda: protocol_sim.look_up("disobedient") or protocol_sim.register("disobedient", wrapped, clock),
     )
     assert verdict.confirmed
     assert plant.current_A == 0.0

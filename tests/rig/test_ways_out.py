@@ -18,7 +18,7 @@ import rig.bench.assembly
 from rig.control.loop import Loop
 from rig.core.outcome import Stopped, Tripped
 from rig.drivers.meerstetter import MeerstetterController
-from rig.guard.left_behind import Left, write_end
+from rig.guard.stale_run import write_end
 from rig.records.run_folder import RunFolder
 from sim.world.plant import SimulatedPlant
 from tests.instruments.disobedient import Disobedient
@@ -154,7 +154,7 @@ def test_an_end_that_finds_no_room_leaves_the_document_as_it_was(writes: str, tm
     before = {path.name for path in folder.part.iterdir()}
     with no_file_above(60):
         if writes == "its guard":
-            write_end(Left(str(folder.part)), "the process died", True)
+            write_end(str(folder.part), "the process died", True)
         else:
             with pytest.raises(OSError, match=re.escape("run.json'")):
                 folder.stop("done")
@@ -445,7 +445,7 @@ def test_a_controller_that_is_deaf_is_off_by_its_dead_man_and_that_is_told(
     status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
     assert wrapped[0].output_A == 0.0
     assert status == 10
-    assert "its own dead man has switched it off" in err
+    assert "its own dead man switched the output off" in err
     assert "its status, and the current that it measures" in err
 
 
@@ -453,7 +453,7 @@ def test_a_controller_that_is_deaf_is_off_by_its_dead_man_and_that_is_told(
 def test_nobody_would_switch_off(peltier: Peltier, tmp_path: Path, verb: str) -> None:
     """Real ports, no guard (the verb is called from inside Python), and a controller without a dead man."""
     path = write_bench(tmp_path, controller="/dev/ttyNOPE7", meter="/dev/ttyNOPE8", time="real")
-    refused = "nobody switches the output off when the program hangs"
+    refused = "if the program hangs, the output stays on"
     assert refused not in peltier(verb, path, "--out", tmp_path / "run")[2]
     path.write_text(path.read_text().replace('driver = "meerstetter"', 'driver = "srs_ldc500"'))
     status, _, err = peltier(verb, path, "--out", tmp_path / "run")

@@ -1,6 +1,6 @@
-"""Preisach density: a film of relays, each switching up and down at temperatures of its own.
+"""Preisach density: what relays, each switching up and down at temperatures of its own, add to a PI film.
 
-    u(T) = D(T) + sum over (a, b) of p_ab tanh(s_ab (F_h[T] - c)),   p_ab >= 0,   c = (a + b) / 2,   h = (a - b) / 2
+    u(T) = PI film + sum over (a, b) of p_ab tanh(s_ab (F_h[T] - c)),   p_ab >= 0,   c = (a + b) / 2,   h = (a - b) / 2
 
 F_h is the classical play operator of radius h (K), so that each term is a smooth relay: it switches up around a and
 down around b (I. D. Mayergoyz, Mathematical Models of Hysteresis (Elsevier 2003), ch. 1). It equals a generalized play
@@ -9,7 +9,8 @@ that the order condition below paper eq (6) holds.
 
 The thresholds a lie where the output changes while heating, b where it changes while cooling, closer where it is
 steep. The weights have a normal prior, whose width is the one that predicts held-out rows best: relays that a record
-does not determine stay small, and the problem has one minimum.
+does not determine stay small, and what is left there is the PI film, its weights fitted anew with those of the relays.
+The problem has one minimum.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from compensator.hysteresis.functions import Array
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.multistart import branch_density
 from sim.inference.film.rows import Path
+from sim.inference.film.variable_projection import PlainFit
 from sim.inference.nnls import solve_triangle
 from sim.inference.triangle import reduced
 from sim.model.operator_outputs import Integers, operator_outputs
@@ -85,16 +87,18 @@ def _thresholds(path: Path, count: int, sense: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PlaneFit:
-    """The fitted relays, those without weight left out. plane: all of them; width: of the prior, as in `fit_plane`;
-    parameters: the effective number of them, as far as the readings and not the prior determine them.
+    """The fitted operators of a PI film and the relays with it, those without weight left out. plain: the PI film,
+    whose envelopes and form of D are kept; pi_weights: of its operators, (operators,), 0 where one has none; plane: all
+    relays; width: of their prior, as in `fit_plane`; parameters: the effective number of them, as far as the readings
+    and not the prior determine them.
 
-    Thresholds, slopes and D's shape were chosen, not fitted: a band from `jacobian` holds them fixed.
+    Envelopes, thresholds, slopes and D's shape were chosen, not fitted: a band from `jacobian` holds them fixed.
     """
 
+    plain: PlainFit
+    pi_weights: Array
     relays: RelayPlane
     weights: Array
-    form: Form
-    shape: Array  # D's nonlinear parameters
     coefficients: Array
     offset: float
     parameters: float
@@ -102,9 +106,14 @@ class PlaneFit:
     width: float
 
     @property
+    def form(self) -> Form:
+        """Of D."""
+        return self.plain.form
+
+    @property
     def operators(self) -> int:
-        """How many relays have weight."""
-        return self.weights.size
+        """How many operators have weight."""
+        return int(np.sum(self.pi_weights > 0.0)) + self.weights.size
 
     @property
     def outer_names(self) -> tuple[str, ...]:
@@ -118,45 +127,53 @@ class PlaneFit:
 
     def at(self, path: Path) -> Array:
         """Return the fit at another path's readings, shape (readings,)."""
-        memoryless = self.form.columns(path.inputs[path.rows], self.shape) @ self.coefficients
-        return np.asarray(self.offset + memoryless + self.relays.outputs(path) @ self.weights, dtype=np.float64)
+        memoryless = self.form.columns(path.inputs[path.rows], self.plain.shape) @ self.coefficients
+        weights = np.append(self.pi_weights[self.pi_weights > 0.0], self.weights)
+        return np.asarray(self.offset + memoryless + self.play_outputs(path) @ weights, dtype=np.float64)
 
     def play_outputs(self, path: Path) -> Array:
-        """Return each relay's output at the readings, shape (readings, relays)."""
-        return self.relays.outputs(path)
+        """Return each operator's output at the readings, shape (readings, operators)."""
+        plays = self.plain.play_outputs(path)[:, self.pi_weights > 0.0]
+        return np.concatenate((plays, self.relays.outputs(path)), axis=1)
 
     def jacobian(self, path: Path) -> Array:
         """Return the derivatives by the offset, D's coefficients and the weights, shape (readings, parameters)."""
         v = path.inputs[path.rows]
-        memoryless = self.form.columns(v, self.shape)[:, self.coefficients != 0.0]
-        return np.concatenate((np.ones((v.size, 1)), memoryless, self.relays.outputs(path)), axis=1)
+        memoryless = self.form.columns(v, self.plain.shape)[:, self.coefficients != 0.0]
+        return np.concatenate((np.ones((v.size, 1)), memoryless, self.play_outputs(path)), axis=1)
 
     def model(self, output: str, initial: str) -> FilmModel:
-        """Return the film as a model with an envelope pair for each relay."""
-        rows = zip(self.relays.centre, self.relays.slope, self.relays.half_width, strict=True)
-        pairs = [(float(s), float(s * (c + h)), float(s * (c - h))) for c, s, h in rows]
+        """Return the film as a model with an envelope pair for each operator."""
+        theta, active = self.plain.solution.theta, self.pi_weights > 0.0
+        radii = self.plain.problem.structure.radii(self.plain.problem.shapes(theta))[0][active]
+        a_r, a_l = math.exp(theta[0]), math.exp(theta[2])
+        rising = [Envelope("tanh", a_r, -a_r * float(theta[1]))] * radii.size
+        falling = [Envelope("tanh", a_l, -a_l * float(theta[3]))] * radii.size
+        for c, slope, h in zip(self.relays.centre, self.relays.slope, self.relays.half_width, strict=True):
+            rising.append(Envelope("tanh", float(slope), -float(slope * (c + h))))
+            falling.append(Envelope("tanh", float(slope), -float(slope * (c - h))))
         return FilmModel(
-            np.zeros(len(pairs)),
-            self.weights,
-            tuple(Envelope("tanh", s, -up) for s, up, _ in pairs),
-            tuple(Envelope("tanh", s, -down) for s, _, down in pairs),
-            self.form.memoryless(self.coefficients, self.shape, self.offset),
+            np.append(radii, np.zeros(self.weights.size)),
+            np.append(self.pi_weights[active], self.weights),
+            tuple(rising),
+            tuple(falling),
+            self.form.memoryless(self.coefficients, self.plain.shape, self.offset),
             "mixed_envelopes",
             output,
             "heated" if initial == "heated" else "cooled",
         )
 
 
-def fit_plane(path: Path, plane: RelayPlane, form: Form, shape: Array, width: float) -> PlaneFit:
-    """Return the likeliest weights of the relays, with D of a given form and shape. width: of their prior, over the
+def fit_plane(path: Path, plane: RelayPlane, plain: PlainFit, width: float) -> PlaneFit:
+    """Return the likeliest weights of a PI film's operators, D and the relays. width: of the relays' prior, over the
     noise's standard deviation."""
-    return _Columns(path, plane, form, shape).fit(width)
+    return _Columns(path, plane, plain).solved(width)[0]
 
 
-def fit_plane_judged(path: Path, judges: Path, plane: RelayPlane, form: Form, shape: Array) -> tuple[PlaneFit, float]:
+def fit_plane_judged(path: Path, judges: Path, plane: RelayPlane, plain: PlainFit) -> tuple[PlaneFit, float]:
     """Return the same with the width that predicts other rows best, and its RMS error there."""
-    columns = _Columns(path, plane, form, shape)
-    others = _columns(judges, plane, form, shape)
+    columns = _Columns(path, plane, plain)
+    others = _columns(judges, plane, plain)
     tried: dict[int, tuple[float, PlaneFit]] = {}
 
     def error(place: int) -> float:
@@ -173,39 +190,47 @@ def fit_plane_judged(path: Path, judges: Path, plane: RelayPlane, form: Form, sh
     return tried[place][1], tried[place][0]
 
 
-def _columns(path: Path, plane: RelayPlane, form: Form, shape: Array) -> Array:
-    """Columns of D, of the relays, and the output, (readings, columns)."""
-    memoryless = form.columns(path.inputs[path.rows], shape)
-    return np.concatenate((memoryless, plane.outputs(path), path.output[:, None]), axis=1)
+def _columns(path: Path, plane: RelayPlane, plain: PlainFit) -> Array:
+    """Columns of D, of the PI film's operators, of the relays, and the output, (readings, columns)."""
+    memoryless = plain.form.columns(path.inputs[path.rows], plain.shape)
+    plays = plain.play_outputs(path)
+    return np.concatenate((memoryless, plays, plane.outputs(path), path.output[:, None]), axis=1)
 
 
 class _Columns:
-    """The linear problem min |y - offset - D c - M p|^2 + |p|^2 / width^2 over p >= 0, for any width."""
+    """The linear problem min |y - offset - D c - M p|^2 + |p|^2 / width^2 over p >= 0, the last term of the relays
+    alone, for any width."""
 
-    def __init__(self, path: Path, plane: RelayPlane, form: Form, shape: Array) -> None:
-        self.plane, self.form, self.shape = plane, form, shape
-        columns = _columns(path, plane, form, shape)
+    def __init__(self, path: Path, plane: RelayPlane, plain: PlainFit) -> None:
+        self.plane, self.plain = plane, plain
+        columns = _columns(path, plane, plain)
         self.mean = columns.mean(axis=0)
         columns -= self.mean
         self.products = columns.T @ columns
-        self.free = columns.shape[1] - 1 - plane.centre.size
-
-    def fit(self, width: float) -> PlaneFit:
-        """The fit with a width."""
-        return self.solved(width)[0]
 
     def solved(self, width: float) -> tuple[PlaneFit, Array, float]:
         """The fit, the coefficients of all columns but the output, and the offset."""
-        free = self.free
+        relays = slice(self.mean.size - 1 - self.plane.centre.size, self.mean.size - 1)
+        d = relays.start - self.plain.problem.structure.group.size
         prior = np.zeros(self.mean.size)
-        prior[free:-1] = width**-2.0
-        x, _ = solve_triangle(reduced(self.products + np.diag(prior)), 0 if self.form.monotone else free)
-        weights = x[free:]
-        weights[weights <= NEGLIGIBLE * float(np.sum(weights))] = 0.0
-        kept = np.flatnonzero(weights)
-        known = np.linalg.eigvalsh(self.products[np.ix_(free + kept, free + kept)]) * width**2
-        known = np.maximum(known, 0.0)
-        parameters = 1.0 + float(np.sum(x[:free] != 0.0)) + float(np.sum(known / (1.0 + known)))
+        prior[relays] = width**-2.0
+        x, _ = solve_triangle(reduced(self.products + np.diag(prior)), 0 if self.plain.form.monotone else d)
+        plays = x[d:]
+        plays[plays <= NEGLIGIBLE * float(np.sum(plays))] = 0.0
+        kept = np.flatnonzero(x[relays])
+        inner = self.products[np.ix_(relays.start + kept, relays.start + kept)]
+        known = np.maximum(np.linalg.eigvalsh(inner), 0.0) * width**2
+        parameters = 1.0 + float(np.sum(x[: relays.start] != 0.0)) + float(np.sum(known / (1.0 + known)))
         offset = float(self.mean[-1] - self.mean[:-1] @ x)
-        parts = self.form, self.shape, x[:free].copy(), offset, parameters, self.plane, width
-        return PlaneFit(self.plane.only(kept), weights[kept], *parts), x, offset
+        fit = PlaneFit(
+            self.plain,
+            x[d : relays.start].copy(),
+            self.plane.only(kept),
+            x[relays][kept],
+            x[:d].copy(),
+            offset,
+            parameters,
+            self.plane,
+            width,
+        )
+        return fit, x, offset

@@ -87,10 +87,11 @@ def readings_of(path: Path, records: Sequence[Prepared]) -> Readings:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A film fitted to all rows, the error on the held-out rows of the same kind fitted without them, and all that was
-    tried."""
+    """A film fitted to all rows, a PI film without the held-out ones, the error of the same kind on these, and all that
+    was tried."""
 
     fit: FilmOfRecords
+    trained: PlainFit
     held_out_rmse: float
     candidates: list[Candidate]
 
@@ -114,7 +115,7 @@ def choose_form(
             best, least = plain, error
     assert best is not None
     whole = refine_plain(build_path(rows.records, starts), structure, best.form, best.solution.theta)
-    return Choice(whole, least, candidates)
+    return Choice(whole, best, least, candidates)
 
 
 def choose_plane(rows: Rows, starts: Sequence[Start], film: Choice, needed: bool) -> Choice:
@@ -127,9 +128,10 @@ def choose_plane(rows: Rows, starts: Sequence[Start], film: Choice, needed: bool
         return film
     thin = build_path(rows.records, starts, rows.thinner(PLANE_ROWS, rows.train))
     candidates, best, least = list(film.candidates), None, math.inf if needed else film.held_out_rmse
-    form, shape = film.fit.form, film.fit.shape
+    assert isinstance(film.fit, PlainFit)
+    form = film.fit.form
     for thresholds in THRESHOLDS:
-        plane, error = fit_plane_judged(thin, held, RelayPlane.over(every, thresholds), form, shape)
+        plane, error = fit_plane_judged(thin, held, RelayPlane.over(every, thresholds), film.trained)
         fitted = rms(thin.output - plane.at(thin))
         candidates.append(Candidate("mixed_envelopes", form.name, plane.operators, fitted, error))
         if error < WORTH * least:
@@ -137,7 +139,9 @@ def choose_plane(rows: Rows, starts: Sequence[Start], film: Choice, needed: bool
     if best is None:
         return replace(film, candidates=candidates)
     thin = build_path(rows.records, starts, rows.thinner(PLANE_ROWS))
-    return Choice(fit_plane(thin, best.plane, form, shape, best.width), least, candidates)
+    return replace(
+        film, fit=fit_plane(thin, best.plane, film.fit, best.width), held_out_rmse=least, candidates=candidates
+    )
 
 
 def refine_plain(path: Path, structure: Structure, form: Form, theta: Array) -> PlainFit:

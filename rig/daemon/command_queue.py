@@ -1,0 +1,523 @@
+"""The command queue: commands to the bench, its jobs, latch and history, between its threads and everybody else.
+
+Its methods may be called from any thread, and none but `stop` and `cancel` waits for an instrument.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+from rig.config.configuration import ConfigurationFile
+from rig.control.tick import Ticks
+from rig.core.clock import Clock
+from rig.core.errors import PortHeld
+from rig.core.faults import Faults
+from rig.core.outcome import Tripped
+from rig.core.reading import Quality, Reading
+from rig.daemon.announcer import Announcer, post_webhook
+from rig.daemon.configurations import admit, history_folder, model_of
+from rig.daemon.job import Job, JobQueue, JobStopped, new_id, report_of
+from rig.daemon.latch import LATCH, OFF_CONTRADICTED, STOPPED, Latch, LatchStore, latch_at_start, tripped
+from rig.daemon.output_lock import Off, OutputLock
+from rig.daemon.status_text import job_in_words, span
+from rig.drivers.identity import Identity
+from rig.guard.stale_run import draw_missing_reports, why_not_confirmed_off
+from rig.history.store import Retention, Store
+from rig.history.writer import Writer
+from rig.records.run_folder import check_free, default_folder
+from rig.safety.after_off import OffCheck
+from rig.version import __version__
+
+HISTORY = "history.sqlite"
+ENDED = "the daemon ended; nothing resumes by itself"
+SHOWN = ("time_s", "temperature_degC", "setpoint_degC", "current_A", "resistance_ohm", "target_ohm", "quality")
+RECENT_ROWS, NOTES = 200, 10  # kept in memory: for a trip's rows and the page; warnings
+
+
+class Gaps:
+    """Counts the gaps between completed control cycles since `begin_s`, by a clock that does not jump."""
+
+    def __init__(self, begin_s: float) -> None:
+        self._last_s = begin_s
+        self._count, self._longest_s, self._total_s = 0, 0.0, 0.0
+
+    def cycle(self, now_s: float, longest_s: float) -> None:
+        """Take a completed cycle; more than longest_s since the one before is a gap."""
+        between_s, self._last_s = now_s - self._last_s, now_s
+        if between_s > longest_s:
+            self._count += 1
+            self._total_s += between_s
+            self._longest_s = max(self._longest_s, between_s)
+
+    def table(self) -> dict[str, Any]:
+        """Return the gaps as `state` shows them."""
+        return {"count": self._count, "longest_s": self._longest_s, "total_s": self._total_s}
+
+
+class CommandQueue:
+    """State of the bench, jobs, latch and history.
+
+    take_folder: locks the bench's folder for this process, or raises PortHeld or OSError. log: takes a line for people.
+    """
+
+    def __init__(
+        self,
+        file: ConfigurationFile,
+        clock: Clock,
+        notes: list[str],
+        take_folder: Callable[[], None] = lambda: None,
+        log: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        serve = file.content.serve
+        self.file, self.clock = file, clock
+        self.folder = history_folder(file)
+        self.configurations = file.beside(serve.configurations)
+        self.virtual = file.content.virtual_time
+        self._epoch_s = time.time() - clock.now_s()  # of simulated time alone
+        self.announcer = Announcer()
+        self.output_lock = OutputLock(clock.now_s if not self.virtual else time.monotonic)
+        self.notes = list(notes)
+        self.queue = JobQueue()
+        self._take_folder, self._log = take_folder, log
+        self.recent: deque[dict[str, Any]] = deque(maxlen=RECENT_ROWS)
+        self.wake = threading.Event()
+        self.ticks = Ticks()
+        self.output: Literal["on", "off", "unknown"] = "unknown"  # one word: no thread sees half of a change
+        self.off_check: OffCheck | None = None  # of the temperature, after a job
+        self._not_off: str | None = None  # the guard's text for the job that ran when the daemon's process died
+        self.online, self.offline_because = False, ""
+        self.in_loop = False
+        self.memory_since_s: float | None = None
+        self.model = model_of(file)
+        self.identities: dict[str, Identity] = {}
+        self.has_dead_man = False
+        self.confirms_off_by: str | None = None  # the evidence of the controller's "off"
+        self.drive_unit = "A"
+        self.stop_port: int | None = None  # of STOP's own listener
+        self.phase: tuple[str, float, float] | None = None  # name, begin (clock's s), duration (s)
+        self.job_began_s = self.last_cycle_s = clock.now_s()
+        self.coming_s = 0.0  # expected duration of the job's later phases
+        self.began_s = self.steady_s()
+        self.gaps = Gaps(self.began_s)
+        self.live: dict[str, Any] = {}
+        self.lock = threading.RLock()
+        self.had_history = False  # was opened: the jobs before this start are known
+        history_was_there = any(self.folder.glob(f"{HISTORY}*"))  # one that was put aside counts as well
+        callbacks = self._published, self._history_failed, self._clock_jumped, self._after_rows, self._history_reports
+        self.writer = Writer(self.folder / HISTORY, self._open_history, *callbacks)
+        self.writer.open()
+        found = latch_at_start(self.folder / LATCH, history_was_there, self.writer.store, self.label_s())
+        self.latch_store = LatchStore(self.folder / LATCH, *found)
+        self._latch_not_off()
+        # True: the temperature has contradicted an "off"; none is believed until a reset
+        self.contradicted = self.latch is not None and self.latch.cause == OFF_CONTRADICTED
+
+    @property
+    def latch(self) -> Latch | None:
+        """The latch that keeps jobs from starting until a reset."""
+        return self.latch_store.held
+
+    def label_s(self) -> float:
+        """Return Unix seconds: a label, never a basis of control."""
+        return self._epoch_s + self.clock.now_s() if self.virtual else time.time()
+
+    def steady_s(self) -> float:
+        """Return seconds of a clock that never jumps, for durations; it begins anywhere."""
+        return self._epoch_s + self.clock.now_s() if self.virtual else self.clock.now_s()
+
+    def use_clock(self, clock: Clock) -> None:
+        """Take the clock of an opened bench; simulated time goes on where it was."""
+        label_s = self.label_s()
+        self.clock = clock
+        self._epoch_s = label_s - clock.now_s()
+        self.last_cycle_s = clock.now_s()
+
+    # -- history -------------------------------------------------------------------------------------------------
+
+    def _open_history(self) -> Store:
+        """Open the history. Raises sqlite3.Error or OSError."""
+        try:
+            self._take_folder()
+        except PortHeld as error:
+            raise OSError(str(error)) from None
+        serve, was_there = self.file.content.serve, (self.folder / HISTORY).exists()
+        store = Store(self.folder / HISTORY, Retention(serve.raw_days, serve.minute_days, serve.hour_days))
+        ours = self.queue.tables()[::-1]  # if the history is begun again, or has come back, while the daemon runs
+        try:
+            before, unfinished = self._jobs_before(store, {job["id"] for job in ours})
+            self.queue.remember(before)
+            for job in ours:
+                store.save_job(job)
+        except BaseException:
+            store.close()
+            raise
+        threading.Thread(target=self._find_reports, args=(before, unfinished), name="reports", daemon=True).start()
+        if self.had_history and not was_there:
+            self.note(f"history: {store.path} was moved or deleted while the daemon ran; a new one was begun")
+        self.had_history = True
+        if store.damage:
+            self.notes = [*self.notes, store.damage]
+        return store
+
+    def _jobs_before(self, store: Store, ours: set[str]) -> tuple[list[dict[str, Any]], list[str]]:
+        """Return the jobs before this start, and the folders of those that the daemon's end has stopped."""
+        unfinished: list[str] = []
+        jobs = [job for job in store.jobs() if job["id"] not in ours]
+        for job in jobs:
+            if job["state"] in ("queued", "running"):
+                self._not_off = self._not_off or why_not_confirmed_off(job["folder"])
+                unfinished += [job["folder"]] if job["folder"] is not None else []
+                job |= {"state": "stopped", "ended_s": self.label_s(), "reason": ENDED}
+                store.save_job(job)
+        return jobs, unfinished
+
+    def _find_reports(self, jobs: list[dict[str, Any]], unfinished: list[str]) -> None:
+        """Find reports that were written since, and draw missing ones; in a thread, because disks may hang."""
+        for job in jobs:
+            self.look_for_report(job)
+        if unfinished:
+            draw_missing_reports(unfinished)
+            for job in jobs:
+                self.look_for_report(job)
+
+    def look_for_report(self, job: dict[str, Any]) -> None:
+        """Save and announce that an ended job has a report by now; reads the disk."""
+        report = report_of(job["id"], job["folder"]) if not job.get("report") else None
+        if report is not None and (table := self.queue.reported(job["id"], report)) is not None:
+            self.writer.do(lambda store: store.save_job(table))
+            self.announcer.announce("job", table)
+
+    def _published(self, row: dict[str, Any]) -> None:
+        """Take a row that was committed, or has to wait for that (writer's thread)."""
+        self.recent.append(row)
+        latch = self.latch_store.reported
+        if latch is not None and latch.state != STOPPED and latch.add_row(row):
+            self.writer.do(lambda store: self._save_trip(store, latch))
+        self.announcer.announce("row", row)
+
+    def _after_rows(self, store: Store) -> None:
+        """Save the trip that rows follow, and that the latch has a file; latch a late finding (writer's thread)."""
+        if not store.has_latch and self.latch_store.on_disk:
+            store.mark_latch()
+        latch = self.latch_store.reported
+        if latch is not None and latch.state != STOPPED and latch.number is None:
+            self._save_trip(store, latch)  # it came from the latch's file, or the history had no room for it
+        if self._not_off is not None:
+            self.contradicted = True
+            self.output_now("off", confirmed=False)
+            self._latch_not_off()
+
+    def _latch_not_off(self) -> None:
+        """Latch an output that the guard could not confirm off when the daemon's process died."""
+        if self._not_off is not None:
+            self.latch_store.hold(tripped(OFF_CONTRADICTED, self._not_off, self.label_s(), self.recent))
+            self.latch_store.save()
+        self._not_off = None
+
+    def _save_trip(self, store: Store, latch: Latch) -> None:
+        """Save a trip with its rows, new or changed (writer's thread)."""
+        last = store.last_trip() if latch.number is None else None
+        if last is not None and last[1].get("at_s") == latch.at_s:
+            latch.recall(*last)
+        latch.number = store.save_trip(latch.document(), latch.number)
+
+    def _clock_jumped(self, seconds: float) -> None:
+        """Report a jump of the time of day (writer's thread)."""
+        by = f"{'forward' if seconds > 0.0 else 'back'} by {span(abs(seconds))}"
+        now = self._time_of_day()
+        self.note(f"the time of day jumped {by}, it is now {now}; nothing is deleted for that; check the clock")
+
+    def _history_failed(self, text: str) -> None:
+        """Switch the output off, then report; write the latch again, which lies beside it (writer's thread)."""
+        text = f"the history cannot be written: {text}"
+        if self.in_loop:
+            self.output_lock.stop(Tripped("history", text, self.clock.now_s()))
+        else:
+            self.enter_in_log(text)
+        self.latch_store.save_again()
+        self.changed()
+
+    def _history_reports(self, line: str, stays: bool) -> None:
+        """Report a line about the history (writer's thread)."""
+        if stays:
+            self.note(line)
+        else:
+            self.enter_in_log(line)
+            self.changed()
+
+    def close(self) -> None:
+        """Write everything to disk, or report what is missing."""
+        if lacks := self.writer.stop():
+            self.enter_in_log(f"{lacks}; run folders are in {self.folder}")
+        self.latch_store.close()
+        self.announcer.close()
+
+    # -- events on the bench -------------------------------------------------------------------------------------
+
+    @property
+    def confirmed(self) -> bool:
+        """True if the state of the output is known."""
+        return self.output != "unknown"
+
+    def output_now(self, word: Literal["on", "off"], confirmed: bool = True) -> None:
+        """Set the state of the output, and whether the controller confirmed it. An "off" is not believed after the
+        temperature has contradicted one, until a reset."""
+        believed = confirmed and not (word == "off" and self.contradicted)
+        self.output = word if believed else "unknown"
+
+    def row(self, row: dict[str, Any]) -> None:
+        """Take the row of a completed control cycle: into the history, and published when it is committed there."""
+        now_s = self.steady_s()
+        self.ticks.done += 1
+        self.last_cycle_s = self.clock.now_s()
+        self.gaps.cycle(now_s, self._longest_between_s())
+        self.live = row
+        self.writer.row(row, now_s)
+
+    def _longest_between_s(self) -> float:
+        """Return the time between two cycles beyond which there is a gap: of the idle loop, or of the job's own."""
+        job, period_s = self.queue.running, self.file.content.serve.idle_period_s
+        if job is not None:
+            period_s = max(period_s, job.file.content.experiment.period_s)
+        return 2.0 * period_s + 1.0
+
+    def trip(self, cause: str, text: str) -> None:
+        """Latch a trip with the rows around it, report it once it is on disk, hold the queue."""
+        latch = tripped(cause, text, self.label_s(), self.recent)
+        with self.lock:
+            if not self.latch_store.hold(latch):
+                return
+        self.latch_store.save()
+        self.writer.do(lambda store: self._save_trip(store, latch))
+        self.enter_in_log(f"TRIPPED, {cause}: {text}")
+        self.announcer.announce("trip", latch.table())
+        self.changed()
+        serve = self.file.content.serve
+        if serve.webhook is not None:
+            document = {"event": "trip", "name": serve.name, **latch.table(), "output": self.output}
+            post_webhook(serve.webhook.get_secret_value(), document, self.note)
+
+    def note(self, text: str) -> None:
+        """Add a warning; the last ten stay."""
+        self.notes = [*[note for note in self.notes if note != text], text][-NOTES:]
+        self._log(text)
+        self.changed()
+
+    def enter_in_log(self, text: str) -> None:
+        """Log a line with the time of day."""
+        self._log(f"{self._time_of_day()} {text}")
+
+    def _time_of_day(self) -> str:
+        return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.label_s()))
+
+    def job_changed(self, job: Job) -> None:
+        """Save, announce and log a job's new state."""
+        table = job.table()
+        self.writer.do(lambda store: store.save_job(table))
+        self.enter_in_log(job_in_words(table))
+        self.announcer.announce("job", table)
+        self.changed()
+
+    def changed(self) -> None:
+        """Announce the state."""
+        self.announcer.announce("state", self.state())
+
+    # -- commands ------------------------------------------------------------------------------------------------
+
+    def stop(self, by: str) -> Off:
+        """Switch the output off at once, end the running job, take the waiting ones out of the queue, and begin none
+        until a reset. A job that was submitted before the stop begins only when it is submitted again."""
+        with self.lock:  # first, so that no job starts in between; nothing before "off" touches a disk
+            self.latch_store.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
+        off = self._switched_off(JobStopped(f"stopped by {by}"))
+        waited = self.queue.take_waiting()
+        self.latch_store.save()
+        reason = f"it waited when the bench was stopped by {by}: submit it again after `peltier reset`"
+        for job in waited:
+            self._taken_out(job, reason)
+        result = f"output off, confirmed in {1e3 * off.took_s:.0f} ms" if off.confirmed else "OUTPUT NOT CONFIRMED OFF"
+        self.enter_in_log(f"STOP by {by}: {result}; {len(waited)} jobs that waited are out of the queue")
+        self.wake.set()
+        self.changed()
+        return off
+
+    def _switched_off(self, why: JobStopped) -> Off:
+        off = self.output_lock.stop(why)
+        self.output_now("off", off.confirmed)
+        return off
+
+    def reset(self, reason: str) -> bool:
+        """Clear the latch, on disk first; False if nothing is latched. Raises NotCleared if it stays latched."""
+        latch = self.latch_store.clear(reason, self.label_s())
+        if latch is None:
+            return False
+        latch.cleared_s, latch.cleared_because = self.label_s(), reason
+        self.contradicted = False
+        if latch.state != STOPPED:
+            self.writer.do(lambda store: self._save_trip(store, latch))
+        self.enter_in_log(f"reset: {reason}")
+        self.wake.set()
+        self.changed()
+        return True
+
+    def submit(
+        self, file: ConfigurationFile, name: str | None = None, out: Path | None = None, kind: str | None = None
+    ) -> Job:
+        """Put an experiment (kind "calibration": its calibration) into the queue. Raises Faults."""
+        admit(file, self.file, self.identities)
+        e = file.content.experiment
+        if out is not None:
+            check_free(out)
+        folder = out if out is not None else default_folder(kind or e.name, self.folder)
+        job = Job(new_id(), name or kind or e.name, kind or e.kind, file, folder, self.label_s())
+        if not self.queue.add(job):
+            raise Faults(["queue: full; expected fewer waiting jobs"])
+        self.job_changed(job)
+        self.wake.set()
+        return job
+
+    def cancel(self, number: str, by: str) -> Job | None:
+        """Take a job out of the queue, or end it if it runs; None if there is no such job."""
+        job = self.queue.remove(number)
+        if job is not None:
+            self._taken_out(job, f"taken out of the queue by {by}")
+            return job
+        with self.lock:  # no other job starts in between
+            running = self.queue.running
+            if running is None or running.id != number:
+                return None
+            self._switched_off(JobStopped(f"ended by {by}"))
+        self.wake.set()
+        return running
+
+    def _taken_out(self, job: Job, reason: str) -> None:
+        """End a job that waited."""
+        job.state, job.reason, job.ended_s = "stopped", reason, self.label_s()
+        job.exit_status = JobStopped.exit_status
+        self.queue.keep(job)
+        self.job_changed(job)
+
+    # -- state ---------------------------------------------------------------------------------------------------
+
+    def is_idle(self) -> bool:
+        """Return True if nothing runs, and nothing is about to."""
+        return self.queue.running is None and (len(self.queue) == 0 or bool(self.no_job_because()))
+
+    def no_job_because(self) -> list[str]:
+        """Return the reasons that keep the next job from starting; none if it may."""
+        held, reported, trouble = self.latch_store.held, self.latch_store.reported, self.latch_store.trouble()
+        found = []
+        if reported is not None:
+            found.append(f"{reported.state}: {reported.text}")
+        elif held is not None:
+            found.append("a stop or a trip is being written to disk")
+        if trouble is not None:
+            found.append(f"the latch cannot be written: {trouble}")
+        if self.writer.failure is not None:
+            found.append(f"the history cannot be written: {self.writer.failure}")
+        elif not self.had_history and self.writer.trouble is not None:
+            found.append(f"the history cannot be read yet: {self.writer.trouble.text}")
+        if (not_off := self._not_off) is not None:  # and is latched soon
+            found.append(f"an earlier job ended with its output not confirmed off: {not_off}")
+        if not self.confirmed:
+            found.append("the output is not confirmed off")
+        return found
+
+    def warnings(self) -> list[str]:
+        """Return the warnings for people."""
+        found = list(self.notes)
+        if (trouble := self.latch_store.trouble()) is not None:
+            found.append(f"the latch cannot be written, no job starts: {trouble}")
+        if not self.online and self.offline_because:
+            found.append(f"offline: {self.offline_because}")
+        if (why := self.writer.delay()) is not None:
+            what = "has to wait" if self.writer.failure is None else "cannot be written, no job starts"
+            found.append(f"the history {what}: {why}")
+        if self.online and not self.has_dead_man:
+            found.append("the controller has no dead man of its own")
+        return found
+
+    def state(self) -> dict[str, Any]:
+        """Return the bench at this moment (docs/bench_api.md)."""
+        limits, latch = self.file.content.limits, self.latch_store.reported
+        word = latch.state if latch is not None else "running" if self.queue.running is not None else "idle"
+        if not self.online:
+            word = "offline" if word in ("idle", "running") else word
+        waits = self.writer.trouble is not None and self.writer.delay() is not None
+        row = self.live if waits or not self.recent else self.recent[-1]
+        reading = {name: row.get(name) for name in SHOWN}
+        if waits:
+            reading["quality"] = "not recorded" if self.writer.failure is not None else "not recorded yet"
+        now_s = self.clock.now_s()
+        return {
+            "time_s": self.label_s(),
+            "version": __version__,
+            "name": self.file.content.serve.name,
+            "uptime_s": max(0.0, self.steady_s() - self.began_s),
+            "state": word,
+            "output": self.output,
+            "output_confirmed": self.confirmed,
+            "output_confirmed_by": self.confirms_off_by if self.output == "off" else None,
+            "trip": latch.table() if latch is not None and latch.state != STOPPED else None,
+            "stop": latch.table() if latch is not None and latch.state == STOPPED else None,
+            "job": self._job_now(now_s),
+            "last_job": self.queue.last_ended(),
+            "queue": len(self.queue),
+            "no_job_because": self.no_job_because(),
+            "reading": reading,
+            "limits": {"temperature_degC": list(limits.temperature_degC), "current_A": limits.current_A},
+            "drive_unit": self.drive_unit,
+            "dead_man_s": self.file.content.bench.controller.dead_man_s if self.has_dead_man else None,
+            "instruments": {role: str(identity) for role, identity in self.identities.items()},
+            "ticks": {name: getattr(self.ticks, name) for name in ("done", "missed", "latest_s", "unwatched_s")},
+            "gaps": self.gaps.table(),
+            "memory_known": self.memory_since_s is not None,
+            "viewers": 0,
+            "stop_port": self.stop_port,
+            "warnings": self.warnings(),
+            "cycle_age_s": now_s - self.last_cycle_s,
+        }
+
+    def _job_now(self, now_s: float) -> dict[str, Any] | None:
+        """Return the running job with its progress."""
+        job, phase = self.queue.running, self.phase
+        if job is None:
+            return None
+        name, began_s, total_s = phase if phase is not None else ("working", now_s, 0.0)
+        done_s = min(now_s - began_s, total_s)
+        return {
+            "id": job.id,
+            "name": job.name,
+            "kind": job.kind,
+            "phase": name,
+            "done_s": done_s,
+            "total_s": total_s,
+            "elapsed_s": now_s - self.job_began_s,
+            "to_go_s": total_s - done_s + self.coming_s,
+        }
+
+
+def history_row(
+    time_s: float, temperature: Reading, resistance: Reading | None, current_A: float, test_current_A: float
+) -> dict[str, Any]:
+    """Return the columns that every row has; nan if there is nothing to show, inf for a resistance beyond the range."""
+    counts = resistance is not None and (resistance.is_number or resistance.quality is Quality.OVERRANGE)
+    quality = "good"
+    for reading in (temperature, resistance):
+        if reading is not None and not reading.is_number:
+            quality = "overrange" if reading.quality is Quality.OVERRANGE else str(reading.quality.value)
+            break
+    return {
+        "time_s": time_s,
+        "temperature_degC": temperature.value if temperature.is_number else math.nan,
+        "resistance_ohm": resistance.value if counts and resistance is not None else math.nan,
+        "current_A": current_A,
+        "meter_current_A": test_current_A,
+        "quality": quality,
+    }
