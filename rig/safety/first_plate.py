@@ -47,7 +47,7 @@ class Doubt:
     settle_s: tuple[float, float]
 
 
-# measured over simulated runs with each effect of the catalogue (docs/decisions.md, 22)
+# measured over simulated runs with each effect of the catalogue (docs/decisions.md, 19)
 OF_A_PULSE: Final = Doubt(0.15, 0.4, 0.5, 0.3, 25.0, (15.0, 40.0))
 OF_PULSES: Final = Doubt(0.08, 0.2, 0.5, 0.3, 30.0, (20.0, 50.0))  # the same, of a calibration's pulses of both signs
 # the same, of a model that was identified or calibrated

@@ -86,12 +86,25 @@ def test_measured_figures_name_commands_that_are_there() -> None:
     assert [what for verb, what in sorted(named) if not there[verb](what).exists()] == []
 
 
-def test_each_decision_stands_once_under_a_topic() -> None:
+def test_each_decision_is_whole_and_listed_once() -> None:
     text = (ROOT / "docs" / "decisions.md").read_text(encoding="utf-8")
-    index, *_ = text.split("<a id=", 1)
-    made = re.findall(r'^<a id="d(\d+)"></a>\n\*\*\1\. ', text, re.MULTILINE)
-    assert made == re.findall(r"^\*\*(\d+)\. ", text, re.MULTILINE)
-    assert sorted(re.findall(r"\(#d(\d+)\)", index)) == sorted(made)
+    index, *rest = re.split(r'^<a id="d(\d+)"></a>\n', text, flags=re.MULTILINE)
+    entries = dict(zip(rest[::2], rest[1::2], strict=True))
+    assert sorted(re.findall(r"\(#d(\d+)\)", index), key=int) == list(entries)
+    for number, entry in entries.items():
+        assert entry.startswith(f"## {number}. ")
+        parts = re.findall(r"^\*(Context|Decision|Consequence)\.\*", entry, re.MULTILINE)
+        assert parts == ["Context", "Decision", "Consequence"], number
+        assert len(entry.split()) <= 140, f"decision {number} is no summary any more"
+
+
+def test_comments_point_to_decisions_in_force() -> None:
+    """A reader of the code who follows a number to a decision that is gone, or is another one now, is misled."""
+    there = set(re.findall(r'<a id="d(\d+)"></a>', (ROOT / "docs" / "decisions.md").read_text(encoding="utf-8")))
+    sources = [path for room in ("compensator", "sim", "rig", "benchmarks") for path in (ROOT / room).rglob("*.py")]
+    named = [n for path in sources for n in re.findall(r"decisions\.md, (\d+)", path.read_text(encoding="utf-8"))]
+    assert named
+    assert set(named) <= there
 
 
 def test_a_dead_link_would_be_found(tmp_path: Path) -> None:
