@@ -13,7 +13,7 @@ error of the film itself is reported as a ratio to the same rig's without the ef
                 found and predicts unseen rows better ("tried"); where nothing was, with the calibration's again
 
 `--effects wrong --only-diagnosed` is a plate that is a fifth off in all and a thermometer that is 2 s late, calibrated
-as they are: with the model of another rig `run` refuses to go on, rightly (docs/decisions.md, 57).
+as they are: with the model of another rig `run` refuses to go on, rightly (docs/decisions.md, 19).
 
 Asked: 1.2, no trip, and the effect alone named. The ohmmeter's test current is limited to 0.1 mA. On the film outside
 the class a delay costs what `benchmark late_correction` says, whatever the law.

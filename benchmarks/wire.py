@@ -14,7 +14,7 @@ any         the same, and bursts of up to three characters, noise that comes in 
             directions: what the protocols cannot all see, and the drivers confirm
 
 Target: 0 wrong in each. `--resume` keeps what was counted so far, and goes on from there. Further: the share of
-changed answers that the frame alone would let pass (derived in docs/instruments.md), and what confirmation costs.
+changed answers that the frame alone would let pass (summed up in docs/instruments.md), and what confirmation costs.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ from rig.control.tick import Tick
 from rig.experiment.calibration import calibration_range
 from rig.experiment.minor_loops import fitted_and_checked, minor_turning_points
 from rig.experiment.pulses import PULSE_S
+from rig.experiment.wanted import OWN_POLICY
 
 Phases = list[tuple[str, float]]
 
@@ -67,7 +68,8 @@ def expected_run(configuration: Configuration, target: Target, model: Model | No
     e = configuration.experiment
     plate = model.plate if model is not None else None
     if e.kind not in ("track_resistance", "track_output"):
-        approach = [("approach", e.settle_s)] if e.law != "instrument_pid" and e.kind != "current_profile" else []
+        by_a_law = e.law != "instrument_pid" and e.kind not in OWN_POLICY
+        approach = [("approach", e.settle_s)] if by_a_law else []
         return [("polarity", POLARITY_S), *approach, ("profile", target.duration_s)]
     low, high = calibration_range(configuration)
     rate = _rate(plate, configuration, high)

@@ -20,8 +20,9 @@ from rig.bench.assembly import Bench, open_bench
 from rig.config.configuration import ConfigurationFile
 from rig.config.model_file import Model, write_model
 from rig.config.target import Target, target_column
+from rig.control.decision import Policy
 from rig.control.loop import Loop
-from rig.control.policies import CurrentProfile, Follow, Setpoints
+from rig.control.policies import Follow, Setpoints
 from rig.control.tick import Progress, Tick
 from rig.core.faults import fault
 from rig.drivers.controller import cools, drive_unit
@@ -36,7 +37,7 @@ from rig.experiment.run_record import Report, no_report, recorded, worked_out
 from rig.experiment.steady_meter import allow_test_current, largest_test_current_A
 from rig.experiment.summaries import calibration_notes, calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
-from rig.experiment.wanted import TRACKING, check_feasible, wanted
+from rig.experiment.wanted import OWN_POLICY, TRACKING, check_feasible, wanted
 from rig.guard.pipe import UNGUARDED, Guard
 from rig.records.record_file import write_columns
 from rig.records.run_folder import PREDICTED, RunFolder, default_folder, part_of, prepared_folder
@@ -277,11 +278,11 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     plate = result.model.plate if result.model is not None else None
     film = result.model.film if result.model is not None else None
     known = known_plate(plate, result.model.switched()) if result.model is not None and plate is not None else None
-    policy: CurrentProfile | Follow | Setpoints
-    if e.law != "instrument_pid" or e.kind == "current_profile":
+    policy: Policy
+    if e.law != "instrument_pid" or e.kind in OWN_POLICY:
         _needs_current(session, result.model)
-    if e.kind == "current_profile":
-        policy = CurrentProfile(target)
+    if e.kind in OWN_POLICY:
+        policy = OWN_POLICY[e.kind](target, file.content)
     elif e.law == "instrument_pid":
         policy = Setpoints(target)
     else:

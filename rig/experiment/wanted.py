@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 from rig.analysis.beyond_seen import beyond_seen
@@ -10,7 +10,9 @@ from rig.analysis.predicted import needs_test_current
 from rig.config.configuration import Configuration, ConfigurationFile
 from rig.config.model_file import Model, read_model
 from rig.config.target import Target, parse_profile, read_target
+from rig.control.decision import Policy
 from rig.control.law_units import in_law_units, law_units
+from rig.control.policies import CurrentProfile
 from rig.core.faults import Faults, fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import own_target
@@ -35,6 +37,11 @@ QUANTITY = {
     "hold": "temperature",
 }
 TRACKING = ("track_resistance", "track_output")
+
+# kinds that command a current by a policy of their own, without a law; the others follow a temperature
+OWN_POLICY: Mapping[str, Callable[[Target, Configuration], Policy]] = {
+    "current_profile": lambda target, configuration: CurrentProfile(target),
+}
 
 
 def quantity_of(configuration: Configuration) -> str:

@@ -11,7 +11,7 @@ from rig.report.page import facts, section, tiles, write_page
 from rig.report.run_figures import courses, kelvin_figure
 from rig.report.run_rows import RunRows, drive_label
 
-TITLES = {"temperature_profile": "temperature profile", "current_profile": "{drive} profile", "hold": "hold"}
+TITLES = {"current_profile": "{drive} profile"}  # else the kind's own name
 
 
 def write_profile_report(run: RunRows, out: Path) -> None:
@@ -25,7 +25,8 @@ def write_profile_report(run: RunRows, out: Path) -> None:
         numbers += [(kelvin(rms(error)), f"RMS error {COUNTED}"), (kelvin(largest(error)), "the largest error of it")]
         lead = f"The temperature was within {kelvin(rms(error))} RMS of the wanted one {COUNTED}. {lead}"
         parts.append(section("The error", kelvin_figure(out, run)))
-    title = TITLES[run.document["start"]["what"]].format(drive=drive_label(run)[0])
+    kind = str(run.document["start"]["what"])
+    title = TITLES.get(kind, kind.replace("_", " ")).format(drive=drive_label(run)[0])
     write_page(out / "report.html", f"{run.path.name}: {title}", lead, [facts(run), tiles(numbers), *parts])
 
 

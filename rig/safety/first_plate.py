@@ -47,7 +47,7 @@ class Doubt:
     settle_s: tuple[float, float]
 
 
-# from simulated runs with each effect of the catalogue (docs/decisions.md, 22)
+# from simulated runs with each effect of the catalogue (docs/decisions.md, 19)
 OF_A_PULSE: Final = Doubt(0.15, 0.4, 0.5, 0.3, 25.0, (15.0, 40.0))
 OF_PULSES: Final = Doubt(0.08, 0.2, 0.5, 0.3, 30.0, (20.0, 50.0))  # of a calibration's pulses of both signs
 OF_A_MODEL: Final = Doubt(0.04, 0.07, 0.5, 0.3, 50.0, (35.0, 80.0))  # of a model, identified or calibrated

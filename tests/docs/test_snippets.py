@@ -337,7 +337,7 @@ def test_a_page_runs_as_printed(
             run_block(bench, block)
     finally:
         bench.end()
-    if page.name == "README.md":  # the first thing that anybody sees is a film's transition
+    if name(page) == "README.md":  # the first thing that anybody sees is a film's transition
         assert bench.names["rig"].invert(bench.names["found"], [30e3, 10e3]).reachable.all()
 
 

@@ -15,9 +15,9 @@ from sim.instruments.instrument import Instrument
 from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
-CONTROLLERS = ("lakeshore", "meerstetter", "srs_ldc500", "tclab", "te_technology")
+CONTROLLERS = tuple(sorted(drivers.CONTROLLERS))
 WITH_ADDRESS = ("meerstetter", "te_technology")
-METERS = ("hp34401a", "keithley2000", "keithley2400", "keithley2450")
+METERS = tuple(sorted(drivers.METERS))
 
 
 def opened(name: str, port: str, clock: VirtualClock, **options: Any) -> Any:
@@ -30,8 +30,8 @@ def emulated(name: str, plant: StillPlant, **options: Any) -> Instrument:
 
 
 def test_both_registries_have_the_same_names() -> None:
-    assert tuple(sorted(drivers.CONTROLLERS)) == tuple(sorted(emulators.CONTROLLERS)) == CONTROLLERS
-    assert tuple(sorted(drivers.METERS)) == tuple(sorted(emulators.METERS)) == METERS
+    assert tuple(sorted(emulators.CONTROLLERS)) == CONTROLLERS
+    assert tuple(sorted(emulators.METERS)) == METERS
 
 
 @pytest.mark.parametrize("name", CONTROLLERS + METERS)
@@ -119,7 +119,7 @@ def test_address_goes_to_drivers_that_have_one(
 
 
 def test_unknown_names() -> None:
-    with pytest.raises(ValueError, match="hp34401a, keithley2000, keithley2400, keithley2450"):
+    with pytest.raises(ValueError, match=", ".join(METERS)):
         drivers.open_meter("fluke", "sim://x", VirtualClock())
     with pytest.raises(KeyError):
         emulators.emulated_meter("fluke", StillPlant())

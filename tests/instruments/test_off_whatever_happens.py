@@ -26,7 +26,7 @@ def test_a_silent_device(attach: Attach, clock: VirtualClock, case: Case) -> Non
         controller.read_temperature()
     begin_s = clock.now_s()
     assert controller.off() is False
-    assert clock.now_s() - begin_s < OFF_S + 0.15  # with one time-out more, as docs/instruments.md says
+    assert clock.now_s() - begin_s < OFF_S + 0.15  # with one time-out more, as docs/safety.md says
 
 
 @pytest.mark.parametrize("case", CONTROLLERS, ids=str)

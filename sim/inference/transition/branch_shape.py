@@ -18,7 +18,7 @@ from sim.inference.quantity import Quantity, told, untold
 from sim.inference.transition.local_fit import draw_noise, local_fit
 from sim.inference.transition.major_branch import MajorBranch
 
-# of the fit in a window as wide as the transition's own peak (docs/decisions.md, 27)
+# of the fit in a window as wide as the transition's own peak (docs/decisions.md, 9)
 DEGREE: Final = 5
 PILOT_DEGREE: Final = 3  # of the fit that only finds the peak's place and width
 PILOT_SHARE: Final = 0.1  # of the branch's range: the first window's half width
