@@ -1,0 +1,1 @@
+"""The diagnosis: which effects a record is likely to have."""

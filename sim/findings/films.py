@@ -1,0 +1,128 @@
+"""Forms of film that a record can have: columns of a linear model, for given values of a few nonlinear unknowns.
+
+    PI film         y = D(T) + sum_j c_j F_j[T],  F_j generalized plays with two tanh envelopes, radii evenly spaced
+    Preisach film   y = D(T) + sum_jk c_jk tanh((F_h[T] - centre_k) / width),  F_h classical plays of half-width h
+
+D(T) is a smooth curve of either sign over the record's range (`SmoothCurve`): a straight line by its first coefficient,
+and what bends it by the others. A sum of smooth steps of classical plays is a Preisach film of smooth density
+(P. Krejci, Hysteresis, Convexity and Dissipation in Hyperbolic Equations (Gakkotosho 1996), ch. II).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from sim.inference.joint import Unknown
+from sim.model.film_columns import SmoothCurve, classical_columns, operator_columns
+from sim.model.film_nodes import FilmNodes
+from sim.model.record_own import FilmStart
+
+OPERATORS: Final = 48  # radii: finer than a usual noise can tell apart
+CONSTANT_DEC: Final = 30.0  # prior deviation of the offset: any resistance there is
+CURVE_DEC: Final = (1.0, 0.5, 0.2)  # of D's slope and bends over the range (degrees 1 to 3): less than any transition
+WAVE_DEC: Final = 0.03  # of what else D may do
+WEIGHT_DEC: Final = 3.0  # of an operator's weight: all of a usual transition
+MARGIN_K: Final = 5.0  # beyond the record's range: a lagging or self-heated film goes there
+SLOPES_PER_K: Final = (0.01, 2.0)  # of envelopes: transitions from 1 K to 200 K wide
+
+
+def curve_over(low_degC: float, high_degC: float) -> SmoothCurve:
+    """D's curves over a range of temperatures."""
+    return SmoothCurve.over(low_degC - MARGIN_K, high_degC + MARGIN_K)
+
+
+def _curve_precision(curve: SmoothCurve) -> Array:
+    deviations = np.full(1 + curve.count, WAVE_DEC)
+    deviations[0] = CONSTANT_DEC
+    deviations[1 : 1 + len(CURVE_DEC)] = CURVE_DEC
+    return deviations**-2.0
+
+
+def _curve_columns(curve: SmoothCurve, nodes: FilmNodes) -> Array:
+    at = nodes.film_degC[nodes.points]
+    return np.column_stack((np.ones(at.size), curve.columns(at)))
+
+
+@dataclass(frozen=True, eq=False)
+class PIFilm:
+    """A generalized Prandtl-Ishlinskii film with D(T)."""
+
+    curve: SmoothCurve
+    centres_degC: tuple[float, float]
+    slope_per_K: float
+    range_degC: tuple[float, float]
+    start: FilmStart = field(default_factory=FilmStart)
+
+    @cached_property
+    def radii(self) -> Array:
+        return np.arange(OPERATORS) / OPERATORS
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        low, high = self.range_degC
+        reach = 0.5 * (high - low)
+        slope, slopes = math.log(self.slope_per_K), (math.log(SLOPES_PER_K[0]), math.log(SLOPES_PER_K[1]))
+        out = []
+        for side, centre in zip(("rising", "falling"), self.centres_degC, strict=True):
+            out.append(Unknown(f"{side}_log_slope", slope, 1e-3, *slopes, None, False))
+            out.append(Unknown(f"{side}_centre_degC", centre, 0.01, low - reach, high + reach, None, False))
+        return tuple(out)
+
+    @cached_property
+    def precision(self) -> Array:
+        return np.append(_curve_precision(self.curve), np.full(OPERATORS, WEIGHT_DEC**-2.0))
+
+    @property
+    def free(self) -> int:
+        return 1 + self.curve.count
+
+    def columns(self, values: Array, nodes: FilmNodes) -> Array:
+        return np.hstack((_curve_columns(self.curve, nodes), operator_columns(nodes, values, self.radii)))
+
+    def starting_with(self, start: FilmStart) -> PIFilm:
+        """The same with another memory at the first row."""
+        return replace(self, start=start)
+
+
+@dataclass(frozen=True, eq=False)
+class PreisachFilm:
+    """A film of smooth steps of classical plays. centre_degC, half_width_K, slope_per_K: of each, (steps,);
+    weight_dec: prior deviation of their weights."""
+
+    curve: SmoothCurve
+    centre_degC: Array
+    half_width_K: Array
+    slope_per_K: Array
+    weight_dec: float
+    start: FilmStart = field(default_factory=FilmStart)
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        return ()
+
+    @cached_property
+    def precision(self) -> Array:
+        return np.append(_curve_precision(self.curve), np.full(self.centre_degC.size, self.weight_dec**-2.0))
+
+    @property
+    def free(self) -> int:
+        return 1 + self.curve.count
+
+    def columns(self, values: Array, nodes: FilmNodes) -> Array:
+        steps = classical_columns(nodes.everywhere() if False else nodes, self.centre_degC, self.slope_per_K, self.half_width_K)
+        return np.hstack((_curve_columns(self.curve, nodes), steps))
+
+    def only(self, steps: Array) -> PreisachFilm:
+        """The same with some of the steps."""
+        return replace(
+            self,
+            centre_degC=self.centre_degC[steps],
+            half_width_K=self.half_width_K[steps],
+            slope_per_K=self.slope_per_K[steps],
+        )

@@ -1,0 +1,155 @@
+"""Starts of the base fit: the plate by its heat balance, the film by its record's own branches."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import RESISTANCE_SLOPE_PRIOR_PER_K, SEEBECK_SLOPE_PRIOR_PER_K, Kind
+from sim.findings.films import PIFilm, curve_over
+from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, TwoChannels
+from sim.inference.noise import Noise, Readings
+from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K
+from sim.inference.plate.starts import Stretch, rough_balances
+from sim.model.record_own import FilmStart
+
+SHARES: Final = (0.0, 0.5, 1.0)  # of the loop's width that the envelopes' centres are apart: the radii give the rest
+STEEPER: Final = (0.7, 1.0, 1.5)  # envelopes than the branches that they make
+TRIED: Final = 3  # of the starts of the film that are descended from
+FIRST_STEPS: Final = 6  # of these descents
+
+
+def first_metric(joint: Joint) -> Metric:
+    """White noise as the readings show it from row to row."""
+    at_K, at_dec = joint.readings()
+    temperature = ChannelNoise(Noise(max(_rough(joint.degC), LEAST_NOISE_K, 0.3 * joint.record.step_K)), at_K)
+    if joint.film is None:
+        return Metric(temperature, None)
+    return Metric(temperature, ChannelNoise(Noise(max(_rough(joint.output), LEAST_NOISE_DEC)), at_dec))
+
+
+def _rough(readings: Array) -> float:
+    bend = np.diff(readings, 2)
+    return 1.4826 * float(np.median(np.abs(bend))) / math.sqrt(6.0) if bend.size else 0.0
+
+
+def plate_fit(record: TwoChannels, kind: Kind) -> Fit:
+    """The plate alone: first by the least error of the simulation, then with its noise."""
+    joint = Joint(record, (), None, kind)
+    metric = first_metric(joint)
+    if not joint.driven:
+        return joint.fit(joint.start(), metric, rounds=1)
+    tried = []
+    for par in rough_balances(_stretches(record), kind):
+        x = joint.start()
+        for name, value in zip(("s", "r", "g", "q", "ambient_degC"), par, strict=True):
+            if name in joint.place:
+                x[joint.place[name]] = value
+        x = np.clip(x, joint.low, joint.high)
+        at = joint.solve(x, metric)
+        if math.isfinite(at.cost):
+            tried.append(joint.descend(at, metric, 5, 1.0))
+    at = min(tried, key=lambda p: p.cost)
+    return settled(joint, at.x, metric)
+
+
+def settled(joint: Joint, x: Array, metric: Metric, own: Array | None = None) -> Fit:
+    """The fit by the least error of the simulation, and with a discrepancy that is no larger than what that leaves."""
+    for _ in range(2):
+        at = joint.descend(joint.solve(x, metric, own), metric, 30)
+        size = float(np.sqrt(np.mean(at.residual_K**2)))
+        white = ChannelNoise(Noise(max(size, LEAST_NOISE_K)), metric.temperature.readings)
+        output = metric.output
+        if output is not None:
+            left = float(np.sqrt(np.mean(at.residual_dec**2)))
+            output = ChannelNoise(Noise(max(left, LEAST_NOISE_DEC)), output.readings)
+        metric, x, own = Metric(white, output), at.x, at.own if at.own.size else None
+    most = size, (left if output is not None else math.inf)
+    return joint.fit(x, joint.noise(at, metric, most), own, most=most)
+
+
+def _stretches(record: TwoChannels) -> list[Stretch]:
+    assert record.current_A is not None
+    edges = [*record.first_rows.tolist(), record.time_s.size]
+    parts = [slice(first, last) for first, last in zip(edges, edges[1:], strict=False)]
+    return [
+        Stretch(record.time_s[p], record.current_A[p], record.temperature_degC[p], record.temperature_used[p])
+        for p in parts
+        if np.sum(record.temperature_used[p]) > 2
+    ]
+
+
+def branches(record: TwoChannels, degC: Array) -> tuple[tuple[float, float], float]:
+    """(centres of the rising and of the falling branch, degC; slope of a tanh as steep as they are, 1/K), from the
+    output over a smooth temperature of the rows."""
+    assert record.output is not None
+    used = np.flatnonzero(record.output_used)
+    t, y = degC[used], record.output[used]
+    low, high = np.percentile(y, [2.0, 98.0])
+    share = np.clip((y - low) / max(high - low, 1e-9), 0.0, 1.0)
+    rate = np.gradient(t)
+    centres, spreads = [], []
+    for side in (1.0, -1.0):
+        rows = (side * rate > 0.0) & (share > 0.1) & (share < 0.9)
+        if np.sum(rows) < 5:
+            rows = (share > 0.1) & (share < 0.9)
+        if np.sum(rows) < 5:
+            rows = np.ones(t.size, dtype=np.bool_)
+        weight = np.abs(rate[rows]) + 1e-12
+        centres.append(float(np.average(t[rows], weights=weight)))
+        spreads.append(float(np.sqrt(np.average((t[rows] - centres[-1]) ** 2, weights=weight))))
+    # temperatures at which a tanh of slope a is between 0.1 and 0.9 are spread by 1.1 / (a sqrt 3)
+    slope = 0.635 / max(0.5 * sum(spreads), 0.1)
+    return (centres[0], max(centres[1], -1e3)), float(np.clip(slope, 0.02, 1.0))
+
+
+def film_starts(record: TwoChannels, degC: Array) -> list[PIFilm]:
+    """PI films from which a fit is to begin. degC: a smooth temperature of the film in the rows."""
+    centres, slope = branches(record, degC)
+    middle, width = 0.5 * sum(centres), max(centres[0] - centres[1], 0.0)
+    ends = float(np.min(degC)), float(np.max(degC))
+    curve = curve_over(*ends)
+    hot = degC[0] > middle + width
+    start = FilmStart("cooled" if hot else "heated")
+    out = []
+    for share in SHARES:
+        apart = 0.5 * share * width
+        out += [PIFilm(curve, (middle + apart, middle - apart), slope * factor, ends, start) for factor in STEEPER]
+    return out
+
+
+def base_fit(record: TwoChannels, kind: Kind = "peltier") -> Fit:
+    """The fit without any effect, of whatever channels the record has."""
+    plate = plate_fit(record, kind)
+    if record.output is None:
+        return plate
+    path = _smooth_path(plate)
+    tried: list[tuple[float, Joint, Array, Metric]] = []
+    for film in film_starts(record, path):
+        joint = Joint(record, (), film, kind)
+        metric = first_metric(joint)
+        metric = Metric(plate.metric.temperature, metric.output)
+        x = joint.from_other(plate.joint, plate.at.x)
+        at = joint.solve(x, metric)
+        tried.append((at.cost, joint, x, metric))
+    fits: list[Fit] = []
+    for _, joint, x, metric in sorted(tried, key=lambda entry: entry[0])[:TRIED]:
+        at = joint.descend(joint.solve(x, metric), metric, FIRST_STEPS, 1.0)
+        fits.append(Fit(joint, at, metric, -at.cost))
+    best = max(fits, key=lambda fit: fit.log_likelihood)
+    return settled(best.joint, best.at.x, best.metric.without_slow() if best.joint.driven else best.metric, best.at.own)
+
+
+def _smooth_path(plate: Fit) -> Array:
+    """The temperature in the rows: simulated, with the smoothed discrepancy."""
+    from sim.inference.noise import discrepancy
+
+    channel = plate.metric.temperature
+    shown = plate.at.run.shown_degC
+    if channel.noise.slow == 0.0:
+        return shown
+    mean, _ = discrepancy(plate.at.residual_K, channel.noise, channel.readings)
+    return np.asarray(shown + np.interp(plate.joint.record.time_s, channel.readings.time_s, mean))

@@ -1,0 +1,633 @@
+"""One likelihood of a record: thermometer and ohmmeter together, for any set of effects and any form of film.
+
+    T_k = shown(theta)_k + d_k + noise,                  d: what the plate's model lacks (`sim.inference.noise`)
+    y_k = sum_j c_j A_kj(theta, path) + e_k + noise      A: the film's columns through the ohmmeter
+
+theta: plate, first temperatures, film envelopes and effects. The coefficients c (operator weights >= 0, D(T), offset)
+enter linearly and are projected out (G. Golub, V. Pereyra, Inverse Problems 19 (2003) R1). The path that drives the
+film is the simulated plate plus the smoothed d: where the plate's model is right this is the simulation, without a
+current it is the smoothed thermometer. The path's remaining error counts as variance of y.
+
+Both channels are whitened with their noise, so that evidence is discounted wherever a model is wrong. Derivatives are
+secants, one simulation each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import (
+    AMBIENT,
+    LARGEST_SLOPE_PER_K,
+    RESISTANCE_SLOPE_PRIOR_PER_K,
+    SEEBECK_SLOPE_PRIOR_PER_K,
+    Kind,
+)
+from sim.effects.effect import Effect, HeatFlow, Switched, switched, with_pinned
+from sim.inference.levenberg_marquardt import Damping, Linearized, descend, held_at_bounds
+from sim.inference.nnls import solve_triangle
+from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, variances
+from sim.inference.nuisance import APART_K, LEAST_NOISE_DEC, LEAST_NOISE_K, ROOM_SPREAD_K
+from sim.inference.plate.fit import AMBIENT_DEGC, SHARE
+from sim.inference.triangle import reduced
+from sim.model.film_nodes import FilmNodes, film_nodes
+from sim.model.inputs import Inputs
+from sim.model.links import Links, columns_followed, links_of
+from sim.model.meter_power import MeterCurrent, MeterPower
+from sim.model.ohmmeter import Ohmmeter, before_ranges, shown_in_rows
+from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
+from sim.model.record_own import FilmStart, anew_rows
+from sim.model.recorded import Recorded, Rows
+
+Mask = NDArray[np.bool_]
+RELATIVE_STEP: Final = 1e-3  # of a secant of a positive parameter: rounding is 1e-10, curvature 1e-3
+STEP_K: Final = 0.01  # of a secant of a temperature
+SETTLED: Final = 0.05  # log-likelihood that a last step gains: values are then within a third of their deviations
+STEPS: Final = 12  # of a descent: from a near start 4 to 6 are taken
+ROUNDS: Final = 3  # of fit and noise in turn
+BESIDE: Final = 10.0  # how far beyond its typical range an effect's size may go in a fit, as a factor
+DAMPING: Final = Damping(1e-3, 0.2, 8.0, 1e-7, 1e-4, 6)
+RANGES: Final = 3.0  # deviations of a reading from a threshold within which either range may have been on
+
+
+class TwoChannels(Recorded, Protocol):
+    """What the likelihood asks of a record: times and commands (`Recorded`), and what was read, nan where nothing."""
+
+    @property
+    def temperature_degC(self) -> Array: ...
+
+    @property
+    def temperature_used(self) -> Mask: ...
+
+    @property
+    def step_K(self) -> float: ...
+
+    @property
+    def current_A(self) -> Array | None: ...
+
+    @property
+    def output(self) -> Array | None: ...
+
+    @property
+    def output_used(self) -> Mask: ...
+
+    @property
+    def joined(self) -> Rows: ...
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One nonlinear parameter. step: of its secant; prior: mean and deviation; thermal: it moves the plate."""
+
+    name: str
+    start: float
+    step: float
+    low: float = -math.inf
+    high: float = math.inf
+    prior: tuple[float, float] | None = None
+    thermal: bool = True
+
+
+class FilmForm(Protocol):
+    """A form of film: nonlinear unknowns, and columns for given values of them."""
+
+    @property
+    def start(self) -> FilmStart: ...
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]: ...
+
+    @property
+    def precision(self) -> Array:
+        """Of the normal priors of the coefficients, free ones first, (columns,), 1/decades^2."""
+        ...
+
+    @property
+    def free(self) -> int:
+        """How many coefficients, the first ones, may have either sign."""
+        ...
+
+    def columns(self, values: Array, nodes: FilmNodes) -> Array:
+        """Of the film's own output at the points, (points, columns); those beyond `free` are its hysteretic part."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelNoise:
+    """The noise of one channel's used readings, and the map that makes it white."""
+
+    noise: Noise
+    readings: Readings
+
+    @cached_property
+    def whitening(self) -> Whitening:
+        return Whitening(self.noise, self.readings)
+
+    @cached_property
+    def log_scale(self) -> float:
+        """The part of the log-likelihood that does not depend on the residual."""
+        return self.whitening.log_likelihood(np.zeros(self.readings.time_s.size))
+
+    def without_slow(self) -> ChannelNoise:
+        """The same size of noise, all of it white."""
+        return ChannelNoise(Noise(math.hypot(self.noise.white, self.noise.slow)), self.readings)
+
+
+@dataclass(frozen=True, eq=False)
+class Metric:
+    """The noise of both channels; output: None without a film."""
+
+    temperature: ChannelNoise
+    output: ChannelNoise | None
+
+    @property
+    def channels(self) -> list[ChannelNoise]:
+        return [channel for channel in (self.temperature, self.output) if channel is not None]
+
+    def without_slow(self) -> Metric:
+        """The metric of a model that explains everything: no discrepancy, noise of the same size."""
+        return Metric(self.temperature.without_slow(), self.output.without_slow() if self.output else None)
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """One simulation. shown_degC: (rows,); path: of the film; nodes and links of the film's side; columns: of its own
+    output at the points, (points, columns), None without a film."""
+
+    shown_degC: Array
+    path: PlatePath
+    links: Links
+    nodes: FilmNodes | None = None
+    columns: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A place in parameter space with its best coefficients. residual_K, residual_dec: of the used readings; own: the
+    film's own output in the rows; shown_dec: as the ohmmeter shows it, in the rows; design: the film's columns in the
+    used readings; active: the columns that carry the fit; cost: minus the log-likelihood without `log_scale`."""
+
+    x: Array
+    run: Simulated
+    residual_K: Array
+    cost: float
+    white_K: Array
+    coefficients: Array = field(default_factory=lambda: np.empty(0))
+    active: Mask = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
+    design: Array = field(default_factory=lambda: np.empty((0, 0)))
+    residual_dec: Array = field(default_factory=lambda: np.empty(0))
+    white_dec: Array = field(default_factory=lambda: np.empty(0))
+    own: Array = field(default_factory=lambda: np.empty(0))
+    range_of: Array = field(default_factory=lambda: np.empty(0))
+    shown_dec: Array = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A set of effects fitted: the point, its noise and log-likelihood (priors of the parameters included)."""
+
+    joint: Joint
+    at: Point
+    metric: Metric
+    log_likelihood: float
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return self.joint.effects
+
+    def values(self) -> dict[str, dict[str, float]]:
+        """Each effect's parameters."""
+        return {e.name: e.values() for e in self.joint.switched(self.at.x)}
+
+
+def coordinate(value: float, signed: bool) -> float:
+    """The fit's coordinate of an effect's parameter: a logarithm, unless it can have either sign."""
+    return value if signed else math.log(value)
+
+
+class Joint:
+    """The likelihood of one record (or several, joined) for one set of effects and one form of film."""
+
+    def __init__(
+        self, record: TwoChannels, effects: Sequence[Effect], film: FilmForm | None, kind: Kind = "peltier"
+    ) -> None:
+        """Raises ValueError for effects that clash."""
+        self.record, self.effects, self.film, self.kind = record, tuple(effects), film, kind
+        self.rows_K = np.flatnonzero(record.temperature_used)
+        self.degC = record.temperature_degC[self.rows_K]
+        self.rows_dec = np.flatnonzero(record.output_used) if film is not None else np.empty(0, dtype=np.int64)
+        self.output = record.output[self.rows_dec] if film is not None and record.output is not None else np.empty(0)
+        self.driven = record.current_A is not None
+        self.anew = anew_rows(record)
+        self.unknowns = self._layout()
+        self.names = [unknown.name for unknown in self.unknowns]
+        self.place = {name: k for k, name in enumerate(self.names)}
+        self.low = np.array([unknown.low for unknown in self.unknowns])
+        self.high = np.array([unknown.high for unknown in self.unknowns])
+        priors = [unknown.prior or (0.0, math.inf) for unknown in self.unknowns]
+        self.prior_mean, self.prior_deviation = (np.array(column) for column in zip(*priors, strict=True))
+        self._nodes: tuple[tuple[float, ...], Nodes] | None = None
+        self._film_places = slice(self.place[film.unknowns[0].name], None) if film and film.unknowns else slice(0, 0)
+
+    # ---- parameters ---------------------------------------------------------------------------------------------
+
+    def _layout(self) -> list[Unknown]:
+        out: list[Unknown] = []
+        if self.driven:
+            rate, wide = (1e-7, 100.0), 10.0
+            if self.kind == "peltier":
+                out += [
+                    Unknown("s", 1.6e-3, 1e-3 * RELATIVE_STEP, 1e-7, 1.0),
+                    Unknown("r", 0.06, 0.05 * RELATIVE_STEP, 0.0, 10.0),
+                    Unknown("s_slope", SEEBECK_SLOPE_PRIOR_PER_K[0], 1e-5, *_both(LARGEST_SLOPE_PER_K),
+                            SEEBECK_SLOPE_PRIOR_PER_K),
+                    Unknown("r_slope", RESISTANCE_SLOPE_PRIOR_PER_K[0], 1e-4, *_both(LARGEST_SLOPE_PER_K),
+                            RESISTANCE_SLOPE_PRIOR_PER_K),
+                ]  # fmt: skip
+            else:
+                out.append(Unknown("q", 0.6, RELATIVE_STEP, 1e-7, 100.0))
+            out.append(Unknown("g", 0.02, 0.02 * RELATIVE_STEP, *rate))
+            out.append(Unknown("ambient_degC", AMBIENT_DEGC[0], STEP_K, prior=AMBIENT_DEGC))
+            out += [Unknown(f"input.{name}", 0.0, 1e-4) for name in self.record.inputs.names]
+            out += [
+                Unknown(f"room_K.{k}", 0.0, STEP_K, prior=(0.0, ROOM_SPREAD_K)) for k in range(1, len(self.joined_anew))
+            ]
+            used = self.rows_K
+            for k, row in enumerate(self.record.first_rows):
+                near = used[np.argmin(np.abs(used - row))]
+                out.append(Unknown(f"first_degC.{k}", float(self.record.temperature_degC[near]), STEP_K))
+        for effect in self.effects:
+            thermal = effect.before_film
+            if not self.driven and effect.link in ("driver", "plate"):
+                raise ValueError(f"{effect.name}: the record has no current")
+            for p in effect.parameters:
+                if len(p.choices) == 1:
+                    continue
+                name, most = f"{effect.name}.{p.name}", BESIDE * p.largest
+                if p.signed:
+                    out.append(Unknown(name, 0.0, 0.01 * math.sqrt(p.smallest * p.largest), -most, most, None, thermal))
+                else:
+                    least = math.log(p.smallest / BESIDE)
+                    out.append(Unknown(name, 0.0, 0.02, least, math.log(most), None, thermal))
+            if isinstance(effect.form, HeatFlow) and effect.form.own_rate is not None:
+                out += [
+                    Unknown(f"{effect.name}.first_K.{k}", 0.0, STEP_K, prior=(0.0, APART_K))
+                    for k in range(self.anew.size)
+                ]
+        return out + list(self.film.unknowns if self.film else ())
+
+    @cached_property
+    def joined_anew(self) -> list[int]:
+        """Which of the beginnings begin a further record, the first one included."""
+        return [0, *(int(k) for k in np.flatnonzero(np.isin(self.anew, self.record.joined)))]
+
+    def start(self) -> Array:
+        """The parameters' own starts."""
+        return np.array([unknown.start for unknown in self.unknowns])
+
+    def from_other(self, other: Joint, x: Array) -> Array:
+        """Parameters of another set where this one has the same; else their starts."""
+        return np.array([x[other.place[u.name]] if u.name in other.place else u.start for u in self.unknowns])
+
+    def with_effect(self, x: Array, effect: Effect, values: Sequence[float]) -> Array:
+        """The parameters with an effect's values."""
+        x = x.copy()
+        for p, value in zip(effect.parameters, values, strict=True):
+            if (name := f"{effect.name}.{p.name}") in self.place:
+                x[self.place[name]] = coordinate(value, p.signed)
+        return np.clip(x, self.low, self.high)
+
+    def switched(self, x: Array) -> list[Switched]:
+        """The effects with their values."""
+        found = []
+        for effect in self.effects:
+            values = []
+            for p in effect.parameters:
+                at = self.place.get(f"{effect.name}.{p.name}")
+                values.append(0.0 if at is None else float(x[at]) if p.signed else math.exp(x[at]))
+            found.append(switched(effect, with_pinned(effect, values)))
+        return found
+
+    def plate_numbers(self, x: Array) -> Array:
+        """(s, r, g, q, T_a, slopes of s and r)."""
+        names = ("s", "r", "g", "q", "ambient_degC", "s_slope", "r_slope")
+        return np.array([x[self.place[name]] if name in self.place else 0.0 for name in names])
+
+    # ---- simulation ---------------------------------------------------------------------------------------------
+
+    def _plate(self, x: Array, links: Links) -> tuple[Array, PlatePath]:
+        """What the thermometer shows in the rows, and the plate's path."""
+        record = self.record
+        if not self.driven:
+            level = float(np.mean(self.degC))
+            flat = np.full(record.time_s.size, level)
+            return flat, PlatePath(record.time_s, flat, np.zeros((flat.size, 2)))
+        key = tuple(float(v) for e in links.commands for v in e.par)
+        if self._nodes is None or self._nodes[0] != key:
+            self._nodes = key, plate_nodes(record, links)
+        numbers = self.plate_numbers(x)
+        first = x[self.place["first_degC.0"] :][: record.first_rows.size]
+        count = self.anew.size
+        rooms = np.zeros(count)
+        for k, at in enumerate(self.joined_anew[1:], 1):
+            rooms[at:] = x[self.place[f"room_K.{k}"]]
+        bodies = np.full((count, len(links.plate)), np.nan)
+        bodies[0] = numbers[AMBIENT]
+        for j, e in enumerate(links.plate):
+            if (at := self.place.get(f"{e.name}.first_K.0")) is not None:
+                bodies[:, j] = numbers[AMBIENT] + rooms + x[at : at + count]
+        late = np.zeros((count, len(links.thermometer)))
+        inputs: Inputs = record.inputs
+        heats = np.array([x[self.place[f"input.{name}"]] for name in inputs.names])
+        run = simulate_plate(
+            record, self._nodes[1], numbers, links, first, self.anew, bodies, late, rooms_K=rooms, inputs_K_per_s=heats
+        )
+        return run.shown_degC, run.path
+
+    def simulate(self, x: Array, metric: Metric, own: Array | None = None, held: Simulated | None = None) -> Simulated:
+        """The chain at x. own: the film's own output in the rows, as far as it is known: an ohmmeter heats by it.
+        held: a simulation with the same plate and thermometer."""
+        links = links_of(self.switched(x))
+        if held is None:
+            shown, plate = self._plate(x, links)
+            path = self._driving(plate, shown, metric)
+        else:
+            shown, path = held.shown_degC, held.path
+        if self.film is None or not np.all(np.isfinite(path.plate_degC)):
+            return Simulated(shown, path, links)
+        power = None
+        if links.heated and self.record.test_current_A is not None:
+            meter = MeterCurrent(self.record.time_s, self.record.test_current_A, self.record.test_on_s)
+            output = own if own is not None else self.measured
+            power = MeterPower(meter, output)
+        nodes = film_nodes(self.record, path, links, [0.0] * len(links.film_lags), power, self.film.start)
+        columns = self.film.columns(x[self._film_places], nodes)
+        free = self.film.free
+        for e in links.hysteretic_part:
+            columns = np.hstack((columns[:, :free], columns_followed(e, nodes.points_s, columns[:, free:])))
+        return Simulated(shown, path, links, nodes, columns)
+
+    @cached_property
+    def measured(self) -> Array:
+        """The measured output in all rows, straight between used readings."""
+        return np.interp(np.arange(self.record.time_s.size), self.rows_dec, self.output)
+
+    def _driving(self, plate: PlatePath, shown: Array, metric: Metric) -> PlatePath:
+        """The plate's path with the smoothed discrepancy of the thermometer."""
+        channel = metric.temperature
+        if channel.noise.slow == 0.0 or self.film is None:
+            return plate
+        residual = self.degC - shown[self.rows_K]
+        if not np.all(np.isfinite(residual)):
+            return plate
+        mean, _ = discrepancy(residual, channel.noise, channel.readings)
+        more = np.interp(plate.time_s, self.record.time_s[self.rows_K], mean)
+        slope = np.diff(more) / np.maximum(np.diff(plate.time_s), 1e-9)
+        slopes = plate.slopes + np.column_stack((np.append(slope, 0.0), np.append(0.0, slope)))
+        return PlatePath(plate.time_s, plate.plate_degC + more, slopes, plate.turning_s)
+
+    def _shown(self, run: Simulated, signal: Array, range_of: Array | None) -> Array:
+        """What the ohmmeter shows in the rows for the film's own output at the points."""
+        assert run.nodes is not None
+        return shown_in_rows(run.links, run.nodes, signal, range_of)
+
+    def solve(self, x: Array, metric: Metric, own: Array | None = None) -> Point:
+        """The point at x. own: the film's own output in the rows at a point near it."""
+        run = self.simulate(x, metric, own)
+        residual = self.degC - run.shown_degC[self.rows_K]
+        if not np.all(np.isfinite(residual)) or np.max(np.abs(residual)) > 1e5:
+            return Point(x, run, residual, math.inf, residual)
+        white = metric.temperature.whitening.of(residual)
+        away = (x - self.prior_mean) / self.prior_deviation
+        cost = 0.5 * float(white @ white + away @ away) + self._share_cost(x)
+        point = Point(x, run, residual, cost, white)
+        if run.columns is None:
+            return point if self.film is None else replace(point, cost=math.inf)
+        point = self._solve_film(point, metric, self.measured if own is None else own)
+        if run.links.bends or run.links.heated:  # about the film's own output of this very point
+            if run.links.heated:
+                point = replace(point, run=self.simulate(x, metric, point.own, run))
+            point = self._solve_film(replace(point, cost=cost), metric, point.own)
+        return point
+
+    def _solve_film(self, point: Point, metric: Metric, own: Array) -> Point:
+        run, film, output = point.run, self.film, metric.output
+        assert film is not None and output is not None and run.nodes is not None and run.columns is not None
+        signal = run.nodes.at_points(own)
+        range_of = before_ranges(run.links, run.nodes, signal) if run.links.readings else None
+        meter = Ohmmeter(run.links, run.nodes, signal)
+        design = meter.plain(run.columns)[self.rows_dec]
+        target = self.output
+        if not run.links.linear:
+            known = self._shown(run, signal, range_of) - meter.plain(signal[:, None])[:, 0]
+            target = target - known[self.rows_dec]
+        white = output.whitening.of(np.column_stack((design, target)))
+        normal = white.T @ white
+        normal[np.diag_indices(film.precision.size)] += film.precision
+        coefficients, _ = solve_triangle(reduced(normal), film.free)
+        white_dec = white[:, -1] - white[:, :-1] @ coefficients
+        active = coefficients != 0.0
+        active[: film.free] = True
+        cost = 0.5 * float(white_dec @ white_dec + film.precision @ coefficients**2)
+        at_points = run.columns @ coefficients
+        return replace(
+            point,
+            cost=point.cost + cost,
+            coefficients=coefficients,
+            active=active,
+            design=white[:, :-1],
+            residual_dec=target - design @ coefficients,
+            white_dec=white_dec,
+            own=run.nodes.of_rows(at_points),
+            range_of=np.empty(0) if range_of is None else range_of,
+            shown_dec=self._shown(run, at_points, range_of),
+        )
+
+    def change(self, at: Point, metric: Metric, x: Array, thermal: bool, joint: Joint | None = None) -> Array:
+        """Change of both channels' used readings from a point to other parameters, coefficients held, whitened,
+        (readings of both,). joint: of another set of effects, whose parameters x are."""
+        joint = joint or self
+        run = joint.simulate(x, metric, at.own if at.own.size else None, None if thermal else at.run)
+        change = run.shown_degC - at.run.shown_degC
+        white = metric.temperature.whitening.of(change[self.rows_K])
+        if self.film is None:
+            return white
+        assert metric.output is not None
+        if run.columns is None or not np.all(np.isfinite(change)):
+            return np.full(white.size + self.rows_dec.size, np.nan)
+        signal = run.columns @ at.coefficients
+        range_of = at.range_of if at.range_of.size else self.measured if run.links.readings else None
+        shown = joint._shown(run, signal, range_of)
+        return np.append(white, metric.output.whitening.of((shown - at.shown_dec)[self.rows_dec]))
+
+    def jacobian(self, at: Point, metric: Metric) -> Array:
+        """Derivatives of both channels' whitened readings, coefficients held, (readings of both, unknowns)."""
+        out = np.empty((self.rows_K.size + self.rows_dec.size, len(self.unknowns)), order="F")
+        for k, unknown in enumerate(self.unknowns):
+            step = unknown.step if at.x[k] + unknown.step <= unknown.high else -unknown.step
+            x = at.x.copy()
+            x[k] += step
+            out[:, k] = self.change(at, metric, x, unknown.thermal) / step
+        return out
+
+    def residual(self, at: Point) -> Array:
+        """Of both channels, whitened."""
+        return np.append(at.white_K, at.white_dec)
+
+    def projected(self, at: Point, columns: Array) -> Array:
+        """Inner products of whitened columns (readings of both, k) and the residual, with the film's active columns
+        projected off: (k + 1, k + 1), the residual last."""
+        split = self.rows_K.size
+        every = np.column_stack((columns, self.residual(at)))
+        inner = every.T @ every
+        if self.film is None:
+            return np.asarray(inner)
+        active = at.design[:, at.active]
+        normal = active.T @ active
+        normal[np.diag_indices_from(normal)] += self.film.precision[at.active]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        normal = normal * np.outer(scale, scale)
+        normal[np.diag_indices_from(normal)] += 1e-9
+        mixed = (active.T @ every[split:]) * scale[:, None]
+        # the coefficients' own priors pull on the residual
+        mixed[:, -1] -= scale * self.film.precision[at.active] * at.coefficients[at.active]
+        return np.asarray(inner - mixed.T @ cho_solve(cho_factor(normal), mixed))
+
+    # ---- fit ----------------------------------------------------------------------------------------------------
+
+    def _share(self, x: Array) -> tuple[float, Array]:
+        """How far R_e / S is from what modules have, in deviations, and its gradient."""
+        gradient = np.zeros(x.size)
+        if "r" not in self.place:
+            return 0.0, gradient
+        i, j = self.place["s"], self.place["r"]
+        pump = 300.0 * x[i] / self._largest_A
+        gradient[j], gradient[i] = 1.0 / (pump * SHARE[1]), -x[j] / (pump * x[i] * SHARE[1])
+        return (x[j] / pump - SHARE[0]) / SHARE[1], gradient
+
+    @cached_property
+    def _largest_A(self) -> float:
+        assert self.record.current_A is not None
+        return max(float(np.max(np.abs(self.record.current_A))), 1e-9)
+
+    def _share_cost(self, x: Array) -> float:
+        return 0.5 * self._share(x)[0] ** 2
+
+    def normal_equations(self, at: Point, metric: Metric) -> tuple[Array, Array]:
+        """N and g of a Gauss-Newton step, priors included."""
+        inner = self.projected(at, self.jacobian(at, metric))
+        precision = self.prior_deviation**-2.0
+        away, gradient = self._share(at.x)
+        normal = inner[:-1, :-1] + np.diag(precision) + np.outer(gradient, gradient)
+        return normal, inner[:-1, -1] - precision * (at.x - self.prior_mean) - away * gradient
+
+    def descend(self, at: Point, metric: Metric, steps: int = STEPS, settled: float = SETTLED) -> Point:
+        """The point of the least cost near another, with this noise."""
+
+        def linearized(here: Point) -> Linearized[Point]:
+            normal, gradient = self.normal_equations(here, metric)
+            if not np.all(np.isfinite(normal)):
+                normal, gradient = np.eye(gradient.size), np.zeros(gradient.size)
+            held_at_bounds(normal, gradient, here.x, self.low, self.high)
+            scale = np.maximum(np.diag(normal), 1e-12 * float(np.max(np.diag(normal), initial=0.0)) + 1e-300)
+
+            def moved(move: Array) -> Point:
+                return self.solve(np.clip(here.x + move, self.low, self.high), metric, here.own if here.own.size else None)
+
+            return Linearized(normal, gradient, scale, moved)
+
+        return descend(
+            at, steps, lambda p: p.cost, linearized, lambda before, after: before - after < settled, DAMPING, 0.1 * settled
+        )
+
+    def noise(self, at: Point, before: Metric, most: tuple[float, float] = (math.inf, math.inf)) -> Metric:
+        """The likeliest noise for a point's residuals. before: for the weights of readings far out; most: the largest
+        discrepancy of each channel."""
+        least = max(LEAST_NOISE_K, self.record.step_K / math.sqrt(12.0))
+        temperature = _estimated(at.residual_K, before.temperature.readings, None, least, most[0])
+        if self.film is None or before.output is None:
+            return Metric(temperature, None)
+        error = self._path_error(at, temperature)
+        output = _estimated(at.residual_dec, before.output.readings, error, LEAST_NOISE_DEC, most[1])
+        return Metric(temperature, output)
+
+    def _path_error(self, at: Point, temperature: ChannelNoise) -> Array | None:
+        """Deviation of y by the error of the film's path, (used readings,), decades; None for none."""
+        if temperature.noise.slow == 0.0:
+            return None
+        _, deviation = discrepancy(at.residual_K, temperature.noise, temperature.readings)
+        error_K = np.interp(self.record.time_s[self.rows_dec], temperature.readings.time_s, deviation)
+        temperature_at = at.run.path.at(self.record.time_s[self.rows_dec])
+        rate, change = np.gradient(temperature_at), np.gradient(at.own[self.rows_dec])
+        usual = float(np.median(np.abs(rate))) + 1e-9
+        return np.abs(change) / np.maximum(np.abs(rate), 0.1 * usual) * error_K
+
+    def log_likelihood(self, at: Point, metric: Metric) -> float:
+        """Of a point, its parameters' priors included."""
+        return sum(channel.log_scale for channel in metric.channels) - at.cost
+
+    def fit(
+        self,
+        x: Array,
+        metric: Metric,
+        own: Array | None = None,
+        rounds: int = ROUNDS,
+        most: tuple[float, float] = (math.inf, math.inf),
+        steps: int = STEPS,
+    ) -> Fit:
+        """Parameters and noise in turn, from a start and a noise."""
+        best: Fit | None = None
+        at = self.solve(x, metric, own)
+        for _ in range(rounds):
+            at = self.descend(at, metric, steps)
+            if not math.isfinite(at.cost):
+                break
+            metric = self.noise(at, metric, most)
+            at = self.solve(at.x, metric, at.own if at.own.size else None)
+            fit = Fit(self, at, metric, self.log_likelihood(at, metric))
+            settled = best is not None and fit.log_likelihood < best.log_likelihood + 0.3
+            if best is None or fit.log_likelihood > best.log_likelihood:
+                best = fit
+            if settled:
+                break
+        return best or Fit(self, at, metric, -math.inf)
+
+    def readings(self) -> tuple[Readings, Readings]:
+        """When the used readings of both channels were taken."""
+        time, joined = self.record.time_s, self.record.joined
+        begins = np.zeros(time.size, dtype=np.int64)
+        begins[np.append(0, joined).astype(np.int64)] = 1
+        record = np.cumsum(begins)
+        return tuple(  # type: ignore[return-value]
+            Readings.at(time[rows], np.diff(record[rows], prepend=0) > 0) for rows in (self.rows_K, self.rows_dec)
+        )
+
+
+def _both(size: float) -> tuple[float, float]:
+    return -size, size
+
+
+def _estimated(
+    residual: Array, readings: Readings, error: Array | None, least: float, most: float
+) -> ChannelNoise:
+    """Noise of a residual with readings far out weighing less. error: what each reading is off by besides."""
+    far = np.ones(residual.size)
+    noise = Noise(max(float(np.sqrt(np.mean(residual**2))), least))
+    for _ in range(3):
+        more = 0.0 if error is None else (error / noise.white) ** 2
+        readings = replace(readings, variance=far + more)
+        noise = estimate(residual, readings, least, most)
+        again = np.maximum(variances(residual, noise, readings) / (1.0 + more), 1.0)
+        if np.allclose(again, far, rtol=0.1) and error is None:
+            break
+        far = again
+    return ChannelNoise(noise, readings)
