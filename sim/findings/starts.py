@@ -126,21 +126,35 @@ def base_fit(record: TwoChannels, kind: Kind = "peltier") -> Fit:
     plate = plate_fit(record, kind)
     if record.output is None:
         return plate
-    path = _smooth_path(plate)
+    best = _with_film(plate)
+    return settled(best.joint, best.at.x, best.metric.without_slow() if best.joint.driven else best.metric, best.at.own)
+
+
+def restarted(fit: Fit) -> Fit:
+    """The fit with its film begun anew from all starts, where that is likelier: local minima look like effects."""
+    found = _with_film(fit)
+    again = fit.joint.fit(found.at.x, Metric(fit.metric.temperature, found.metric.output), found.at.own)
+    return max(fit, again, key=lambda f: f.log_likelihood)
+
+
+def _with_film(fit: Fit) -> Fit:
+    """The best of the film's starts after a few steps, the noise of the output white; all else as in a fit."""
     tried: list[tuple[float, Joint, Array, Metric]] = []
-    for film in film_starts(record, path):
-        joint = Joint(record, (), film, kind)
-        metric = first_metric(joint)
-        metric = Metric(plate.metric.temperature, metric.output)
-        x = joint.from_other(plate.joint, plate.at.x)
-        at = joint.solve(x, metric)
+    record = fit.joint.record
+    for film in film_starts(record, _smooth_path(fit)):
+        joint = Joint(record, fit.effects, film, fit.joint.kind)
+        output = fit.metric.output.without_slow() if fit.metric.output else first_metric(joint).output
+        metric = Metric(fit.metric.temperature, output)
+        x = np.where(joint.is_film, joint.start(), joint.from_other(fit.joint, fit.at.x))
+        own = fit.at.own if fit.at.own.size else None
+        at = joint.solve(x, metric, own)
         tried.append((at.cost, joint, x, metric))
     fits: list[Fit] = []
     for _, joint, x, metric in sorted(tried, key=lambda entry: entry[0])[:TRIED]:
-        at = joint.descend(joint.solve(x, metric), metric, FIRST_STEPS, 1.0)
+        own = fit.at.own if fit.at.own.size else None
+        at = joint.descend(joint.solve(x, metric, own), metric, FIRST_STEPS, 1.0)
         fits.append(Fit(joint, at, metric, -at.cost))
-    best = max(fits, key=lambda fit: fit.log_likelihood)
-    return settled(best.joint, best.at.x, best.metric.without_slow() if best.joint.driven else best.metric, best.at.own)
+    return max(fits, key=lambda f: f.log_likelihood)
 
 
 def _smooth_path(plate: Fit) -> Array:

@@ -236,7 +236,7 @@ class Joint:
         priors = [unknown.prior or (0.0, math.inf) for unknown in self.unknowns]
         self.prior_mean, self.prior_deviation = (np.array(column) for column in zip(*priors, strict=True))
         self._nodes: tuple[tuple[float, ...], Nodes] | None = None
-        self._film_places = slice(self.place[film.unknowns[0].name], None) if film and film.unknowns else slice(0, 0)
+        self._film_places = slice(self.place[film.unknowns[0].name], None) if film and film.unknowns else slice(len(self.unknowns), None)
 
     # ---- parameters ---------------------------------------------------------------------------------------------
 
@@ -289,6 +289,11 @@ class Joint:
     def joined_anew(self) -> list[int]:
         """Which of the beginnings begin a further record, the first one included."""
         return [0, *(int(k) for k in np.flatnonzero(np.isin(self.anew, self.record.joined)))]
+
+    @cached_property
+    def is_film(self) -> Mask:
+        """Which of the parameters are the film's."""
+        return np.arange(len(self.unknowns)) >= self._film_places.start
 
     def start(self) -> Array:
         """The parameters' own starts."""
@@ -553,17 +558,27 @@ class Joint:
         """The likeliest noise for a point's residuals. before: for the weights of readings far out; most: the largest
         discrepancy of each channel."""
         least = max(LEAST_NOISE_K, self.record.step_K / math.sqrt(12.0))
-        temperature = _estimated(at.residual_K, before.temperature.readings, None, least, most[0])
+        exact = np.zeros(at.residual_K.size)
+        temperature = _estimated(at.residual_K, before.temperature.readings, exact, least, most[0])
         if self.film is None or before.output is None:
             return Metric(temperature, None)
-        error = self._path_error(at, temperature)
+        error = np.hypot(self._path_error(at, temperature), self._range_error(at, before.output.noise.white))
         output = _estimated(at.residual_dec, before.output.readings, error, LEAST_NOISE_DEC, most[1])
         return Metric(temperature, output)
 
-    def _path_error(self, at: Point, temperature: ChannelNoise) -> Array | None:
-        """Deviation of y by the error of the film's path, (used readings,), decades; None for none."""
+    def _range_error(self, at: Point, white: float) -> Array:
+        """What a reading may be off by because it is not known which range the ohmmeter was on, (used readings,)."""
+        if not at.range_of.size:
+            return np.zeros(self.rows_dec.size)
+        assert at.run.nodes is not None and at.run.columns is not None
+        signal, reach = at.run.columns @ at.coefficients, RANGES * white
+        ends = [self._shown(at.run, signal, at.range_of + side)[self.rows_dec] for side in (reach, -reach)]
+        return np.abs(ends[0] - ends[1])
+
+    def _path_error(self, at: Point, temperature: ChannelNoise) -> Array:
+        """Deviation of y by the error of the film's path, (used readings,), decades."""
         if temperature.noise.slow == 0.0:
-            return None
+            return np.zeros(self.rows_dec.size)
         _, deviation = discrepancy(at.residual_K, temperature.noise, temperature.readings)
         error_K = np.interp(self.record.time_s[self.rows_dec], temperature.readings.time_s, deviation)
         temperature_at = at.run.path.at(self.record.time_s[self.rows_dec])
@@ -583,21 +598,22 @@ class Joint:
         rounds: int = ROUNDS,
         most: tuple[float, float] = (math.inf, math.inf),
         steps: int = STEPS,
+        settled: float = SETTLED,
     ) -> Fit:
         """Parameters and noise in turn, from a start and a noise."""
         best: Fit | None = None
         at = self.solve(x, metric, own)
         for _ in range(rounds):
-            at = self.descend(at, metric, steps)
+            at = self.descend(at, metric, steps, settled)
             if not math.isfinite(at.cost):
                 break
             metric = self.noise(at, metric, most)
             at = self.solve(at.x, metric, at.own if at.own.size else None)
             fit = Fit(self, at, metric, self.log_likelihood(at, metric))
-            settled = best is not None and fit.log_likelihood < best.log_likelihood + 0.3
+            last = best is not None and fit.log_likelihood < best.log_likelihood + 0.3
             if best is None or fit.log_likelihood > best.log_likelihood:
                 best = fit
-            if settled:
+            if last:
                 break
         return best or Fit(self, at, metric, -math.inf)
 
@@ -617,17 +633,17 @@ def _both(size: float) -> tuple[float, float]:
 
 
 def _estimated(
-    residual: Array, readings: Readings, error: Array | None, least: float, most: float
+    residual: Array, readings: Readings, error: Array, least: float, most: float
 ) -> ChannelNoise:
     """Noise of a residual with readings far out weighing less. error: what each reading is off by besides."""
     far = np.ones(residual.size)
     noise = Noise(max(float(np.sqrt(np.mean(residual**2))), least))
     for _ in range(3):
-        more = 0.0 if error is None else (error / noise.white) ** 2
+        more = (error / noise.white) ** 2
         readings = replace(readings, variance=far + more)
         noise = estimate(residual, readings, least, most)
         again = np.maximum(variances(residual, noise, readings) / (1.0 + more), 1.0)
-        if np.allclose(again, far, rtol=0.1) and error is None:
+        settled, far = np.allclose(again, far, rtol=0.1), again
+        if settled and not np.any(more):
             break
-        far = again
     return ChannelNoise(noise, readings)

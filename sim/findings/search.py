@@ -1,0 +1,204 @@
+"""Search for the effects of a record: add, drop and exchange, all at one price (`sim.inference.evidence.price`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from sim.effects.effect import Effect
+from sim.findings.candidates import Start, is_sizeable, possible, scores
+from sim.findings.starts import restarted
+from sim.inference.evidence import price
+from sim.inference.joint import Fit, Joint, Metric
+
+TRIED: Final = 5  # candidates that are fitted in full at each stage: true ones are nearly always among the first three
+FINISHED: Final = 3  # of these that are fitted to the end
+FIRST_STEPS: Final = 6  # of a first fit
+STARTS_EACH: Final = 2  # of one candidate: an effect's cost may have several minima
+FAR_BEHIND: Final = 0.1  # share of the best score, below which a candidate waits for the next stage
+PROMISING: Final = 0.2  # share of its price that a score must promise: far from its size it is 3 to 5 times short
+WORTH: Final = 3.0  # log-likelihood that another minimum of the film must gain: twice its deviations' worth
+MOST_EFFECTS: Final = 5  # more cannot be told apart in one record
+LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit's own discretization
+
+
+def parameters_of(effects: Sequence[Effect]) -> int:
+    """How many parameters the effects have, choices included."""
+    return sum(len(e.parameters) for e in effects)
+
+
+@dataclass
+class Search:
+    """Sets of effects of one record and their fits. say: takes a line of progress."""
+
+    effects: Sequence[Effect]
+    say: Callable[[str], None] = lambda text: None
+    table: dict[frozenset[str], Fit] = field(default_factory=dict)
+
+    def cost_of(self, fit: Fit, effects: Sequence[Effect]) -> float:
+        """The price of some effects."""
+        rows = fit.joint.rows_K.size + fit.joint.rows_dec.size
+        return sum(price(len(e.parameters), rows, len(self.effects)) for e in effects)
+
+    def value(self, fit: Fit) -> float:
+        """Log-likelihood less the price of the effects."""
+        return fit.log_likelihood - self.cost_of(fit, fit.effects)
+
+    def keep(self, fit: Fit) -> Fit:
+        """Put a fit into the table."""
+        key = frozenset(e.name for e in fit.effects)
+        if key not in self.table or self.table[key].log_likelihood < fit.log_likelihood:
+            self.table[key] = fit
+        return fit
+
+    def add(self, fit: Fit, without: str | None = None) -> Fit | None:
+        """The best fit with one effect more. without: a name that is not to be tried."""
+        have = {e.name for e in fit.effects}
+        effects = [e for e in possible(self.effects, fit.joint) if e.name not in have and e.name != without]
+        tried: list[Fit] = []
+        for metric in self.metrics(fit):
+            at = fit.at if metric is fit.metric else fit.joint.solve(fit.at.x, metric, fit.at.own)
+            ranked = scores(fit, effects, metric, at)
+            for start in self.promising(ranked, fit):
+                tried.append(self.fitted(fit, start.scaled(), metric))
+                self.say(
+                    f"    + {start.effect.name} {start.values} promised {start.promised:.1f} "
+                    f"gains {tried[-1].log_likelihood - fit.log_likelihood:.1f} {tried[-1].values()[start.effect.name]}"
+                )
+        tried.sort(key=self.value, reverse=True)
+        fits = [again for again in map(self.finished, tried[:FINISHED]) if again is not None]
+        return max(fits, key=self.value, default=None)
+
+    def promising(self, ranked: Sequence[Start], fit: Fit) -> list[Start]:
+        """The few starts that are worth a full fit."""
+        chosen: list[Start] = []
+        if not ranked:
+            return chosen
+        for start in ranked:
+            name = start.effect.name
+            same = sum(s.effect.name == name for s in chosen)
+            names = {s.effect.name for s in chosen}
+            least = max(FAR_BEHIND * ranked[0].promised, PROMISING * self.cost_of(fit, [start.effect]))
+            if start.promised < least or same >= (STARTS_EACH if start.free > 1 else 1):
+                continue
+            if same == 0 and len(names) >= TRIED:
+                continue
+            chosen.append(start)
+        return chosen
+
+    @staticmethod
+    def metrics(fit: Fit) -> list[Metric]:
+        """The two ends of what the discrepancy may be: as estimated, and none, as if one effect explained it all. A
+        slow discrepancy hides a slow effect from the first."""
+        large = any(channel.noise.slow > channel.noise.white for channel in fit.metric.channels)
+        return [fit.metric, fit.metric.without_slow()] if large else [fit.metric]
+
+    def fitted(self, fit: Fit, start: Start, metric: Metric) -> Fit:
+        """A first fit with a start's effect: one round."""
+        joint = Joint(fit.joint.record, (*fit.effects, start.effect), fit.joint.film, fit.joint.kind)
+        x = joint.with_effect(joint.from_other(fit.joint, fit.at.x), start.effect, start.values)
+        return joint.fit(x, metric, fit.at.own if fit.at.own.size else None, rounds=1, steps=FIRST_STEPS, settled=1.0)
+
+    def finished(self, first: Fit) -> Fit | None:
+        """The fit of a set to its end; None where the last effect's size has no physical meaning."""
+        if not math.isfinite(first.log_likelihood):
+            return None
+        found = first.joint.fit(first.at.x, first.metric, first.at.own if first.at.own.size else None)
+        found = max(found, first, key=lambda f: f.log_likelihood)
+        values = found.values()[found.effects[-1].name]
+        return self.keep(found) if is_sizeable(found.effects[-1], list(values.values())) else None
+
+    def dropped(self, fit: Fit, name: str) -> Fit:
+        """The fit without one of its effects."""
+        joint = Joint(
+            fit.joint.record, [e for e in fit.effects if e.name != name], fit.joint.film, fit.joint.kind
+        )
+        return self.keep(
+            joint.fit(joint.from_other(fit.joint, fit.at.x), fit.metric, fit.at.own if fit.at.own.size else None)
+        )
+
+    def gain(self, more: Fit, less: Fit) -> float:
+        """Log-likelihood that one fit gains over another. What a film's model lacks comes again at every pass over the
+        same temperatures: as far as the film's noise is discrepancy, its channel counts once for all passes."""
+        total = more.log_likelihood - less.log_likelihood
+        if less.metric.output is None or more.metric.output is None:
+            return total
+        ratio = more.metric.output.noise.ratio
+        if ratio <= LEFT_SHARE**2:
+            return total
+        share = ratio / (1.0 + ratio)
+        of_film = (more.metric.output.log_scale - 0.5 * more.at.white_dec @ more.at.white_dec) - (
+            less.metric.output.log_scale - 0.5 * less.at.white_dec @ less.at.white_dec
+        )
+        return float(total - of_film * (1.0 - 1.0 / (1.0 + (passes(more) - 1.0) * share)))
+
+    def run(self, fit: Fit) -> Fit:
+        """The best set, from a fit on."""
+        self.keep(fit)
+        self.say(described(fit))
+        anew = False
+        while len(fit.effects) < MOST_EFFECTS:
+            found = self.add(fit)
+            if found is not None and self.gain(found, fit) > self.cost_of(found, found.effects[-1:]):
+                fit, anew = self.pruned(found), False
+            elif not anew and "output" in left_over(fit):
+                again, anew = self.keep(restarted(fit)), True
+                if again.log_likelihood < fit.log_likelihood + WORTH:
+                    break
+                fit = again
+            else:
+                break
+            self.say(described(fit))
+        return self.exchanged(fit)
+
+    def pruned(self, fit: Fit) -> Fit:
+        """The fit without effects that are no longer worth their price."""
+        while len(fit.effects) > 1:
+            less = [(self.dropped(fit, e.name), e) for e in fit.effects]
+            weakest, effect = min(less, key=lambda pair: self.gain(fit, pair[0]) - self.cost_of(fit, [pair[1]]))
+            if self.gain(fit, weakest) >= self.cost_of(fit, [effect]):
+                break
+            self.say(f"    - {effect.name}")
+            fit = weakest
+        return fit
+
+    def exchanged(self, fit: Fit) -> Fit:
+        """The fit with each effect exchanged for a better one, where there is one."""
+        for effect in fit.effects:
+            less = self.dropped(fit, effect.name)
+            other = self.add(less, without=effect.name)
+            if other is not None and self.value(other) > self.value(fit) + 1.0:
+                fit = other
+                self.say("exchanged: " + described(fit))
+        return fit
+
+
+def passes(fit: Fit) -> float:
+    """How many times the film went through the record's range of temperatures."""
+    degC = fit.at.run.path.plate_degC
+    degC = degC[:: max(1, degC.size // 2000)]
+    return max(1.0, float(np.sum(np.abs(np.diff(degC))) / max(np.ptp(degC), 1e-9)))
+
+
+def left_over(fit: Fit) -> dict[str, float]:
+    """By channel the discrepancy over the white noise, where it is significant and larger than the fit's own errors."""
+    found = {}
+    residuals = {"temperature": fit.at.residual_K, "output": fit.at.residual_dec}
+    for (name, residual), channel in zip(residuals.items(), fit.metric.channels, strict=False):
+        noise = channel.noise
+        if noise.slow <= LEFT_SHARE * noise.white:
+            continue
+        white = channel.without_slow().whitening.log_likelihood(residual)
+        if channel.whitening.log_likelihood(residual) - white > price(2, residual.size):
+            found[name] = noise.slow / noise.white
+    return found
+
+
+def described(fit: Fit) -> str:
+    """A line of progress."""
+    noises = [f"{c.noise.white:.4g}+{c.noise.slow:.3g}({c.noise.tau_s:.3g}s)" for c in fit.metric.channels]
+    return f"{fit.log_likelihood:.1f} {' '.join(noises)} {fit.values()}"
