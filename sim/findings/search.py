@@ -11,17 +11,18 @@ import numpy as np
 
 from sim.effects.effect import Effect
 from sim.findings.candidates import Start, is_sizeable, possible, scores
-from sim.findings.starts import restarted
+from sim.findings.starts import remembered, restarted
 from sim.inference.evidence import price
 from sim.inference.joint import Fit, Joint, Metric
+from sim.inference.nuisance import WORTH
 
 TRIED: Final = 5  # candidates that are fitted in full at each stage: true ones are nearly always among the first three
+SAME: Final = 0.6  # of the best promise of an effect: linear ones promise the same from any size
 FINISHED: Final = 3  # of these that are fitted to the end
 FIRST_STEPS: Final = 6  # of a first fit
 STARTS_EACH: Final = 2  # of one candidate: an effect's cost may have several minima
 FAR_BEHIND: Final = 0.1  # share of the best score, below which a candidate waits for the next stage
 PROMISING: Final = 0.2  # share of its price that a score must promise: far from its size it is 3 to 5 times short
-WORTH: Final = 3.0  # log-likelihood that another minimum of the film must gain: twice its deviations' worth
 MOST_EFFECTS: Final = 5  # more cannot be told apart in one record
 LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit's own discretization
 
@@ -76,9 +77,12 @@ class Search:
     def promising(self, ranked: Sequence[Start], fit: Fit) -> list[Start]:
         """The few starts that are worth a full fit."""
         chosen: list[Start] = []
-        if not ranked:
-            return chosen
-        for start in ranked:
+        best = {start.effect.name: start.promised for start in reversed(ranked)}
+        # what promises the same from several sizes is fitted from the nearest one
+        near = [start for start in ranked if start.promised > SAME * best[start.effect.name]]
+        near.sort(key=lambda start: abs(math.log(abs(start.amplitude) + 1e-9)))
+        rest = [start for start in ranked if start.promised <= SAME * best[start.effect.name]]
+        for start in sorted([*near, *rest], key=lambda start: -best[start.effect.name]):
             name = start.effect.name
             same = sum(s.effect.name == name for s in chosen)
             names = {s.effect.name for s in chosen}
@@ -144,7 +148,7 @@ class Search:
         while len(fit.effects) < MOST_EFFECTS:
             found = self.add(fit)
             if found is not None and self.gain(found, fit) > self.cost_of(found, found.effects[-1:]):
-                fit, anew = self.pruned(found), False
+                fit, anew = self.pruned(self.keep(remembered(found))), False
             elif not anew and "output" in left_over(fit):
                 again, anew = self.keep(restarted(fit)), True
                 if again.log_likelihood < fit.log_likelihood + WORTH:

@@ -10,9 +10,9 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import RESISTANCE_SLOPE_PRIOR_PER_K, SEEBECK_SLOPE_PRIOR_PER_K, Kind
 from sim.findings.films import PIFilm, curve_over
-from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, TwoChannels
+from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, Point, TwoChannels
 from sim.inference.noise import Noise, Readings
-from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K
+from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH, beginnings
 from sim.inference.plate.starts import Stretch, rough_balances
 from sim.model.record_own import FilmStart
 
@@ -127,14 +127,37 @@ def base_fit(record: TwoChannels, kind: Kind = "peltier") -> Fit:
     if record.output is None:
         return plate
     best = _with_film(plate)
-    return settled(best.joint, best.at.x, best.metric.without_slow() if best.joint.driven else best.metric, best.at.own)
+    metric = best.metric.without_slow() if best.joint.driven else best.metric
+    joint, at = remembering(best.joint, best.at, metric)
+    return remembered(settled(joint, at.x, metric, at.own))
+
+
+def remembering(joint: Joint, at: Point, metric: Metric) -> tuple[Joint, Point]:
+    """The likelihood and point with the film's memory at the first row that suits best, of those that a film has which
+    was saturated and turned round at most once; the same if none is clearly better."""
+    assert joint.film is not None
+    best = joint, at
+    least = joint.solve(at.x, metric, at.own).cost - WORTH
+    for start in beginnings(at.run.path, 0.0, joint.film.start):
+        other = Joint(joint.record, joint.effects, joint.film.starting_with(start), joint.kind)
+        found = other.solve(at.x, metric, at.own)
+        if found.cost < least:
+            best, least = (other, found), found.cost
+    return best
+
+
+def remembered(fit: Fit) -> Fit:
+    """The fit with the memory of its film chosen anew."""
+    joint, at = remembering(fit.joint, fit.at, fit.metric)
+    return fit if joint is fit.joint else joint.fit(at.x, fit.metric, at.own)
 
 
 def restarted(fit: Fit) -> Fit:
     """The fit with its film begun anew from all starts, where that is likelier: local minima look like effects."""
     found = _with_film(fit)
-    again = fit.joint.fit(found.at.x, Metric(fit.metric.temperature, found.metric.output), found.at.own)
-    return max(fit, again, key=lambda f: f.log_likelihood)
+    metric = Metric(fit.metric.temperature, found.metric.output)
+    joint, at = remembering(found.joint, found.at, metric)
+    return max(fit, remembered(joint.fit(at.x, metric, at.own)), key=lambda f: f.log_likelihood)
 
 
 def _with_film(fit: Fit) -> Fit:
