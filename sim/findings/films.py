@@ -16,10 +16,11 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from sim.inference.joint import Unknown
-from sim.model.film_columns import SmoothCurve, classical_columns, operator_columns
+from sim.model.film_columns import SmoothCurve, operator_columns, play_columns
 from sim.model.film_nodes import FilmNodes
 from sim.model.record_own import FilmStart
 
@@ -27,7 +28,12 @@ OPERATORS: Final = 48  # radii: finer than a usual noise can tell apart
 CONSTANT_DEC: Final = 30.0  # prior deviation of the offset: any resistance there is
 CURVE_DEC: Final = (1.0, 0.5, 0.2)  # of D's slope and bends over the range (degrees 1 to 3): less than any transition
 WAVE_DEC: Final = 0.03  # of what else D may do
-WEIGHT_DEC: Final = 3.0  # of an operator's weight: all of a usual transition
+WEIGHT_DEC: Final = 0.3  # of an operator's or step's weight: a tenth of a usual transition
+SPACING: Final = 0.4  # of the spread of a branch, between centres of steps: a bell of that spread is met to 1e-3
+REACH: Final = 3.2  # spreads to either side of the loop's middle
+WIDTHS: Final = 36  # half-widths from 0 on
+WIDEST: Final = 1.5  # of the loop's width, the largest half-width: three times the usual one
+STEEP: Final = 0.9  # of a step, over the distance of centres: neighbours add up to a smooth flank
 MARGIN_K: Final = 5.0  # beyond the record's range: a lagging or self-heated film goes there
 SLOPES_PER_K: Final = (0.01, 2.0)  # of envelopes: transitions from 1 K to 200 K wide
 
@@ -92,15 +98,26 @@ class PIFilm:
 
 @dataclass(frozen=True, eq=False)
 class PreisachFilm:
-    """A film of smooth steps of classical plays. centre_degC, half_width_K, slope_per_K: of each, (steps,);
-    weight_dec: prior deviation of their weights."""
+    """A film of smooth steps of classical plays. centre_degC, half_width_K: of each, (steps,); slope_per_K: of all;
+    of_all: the film of all steps, of which this one has a part."""
 
     curve: SmoothCurve
     centre_degC: Array
     half_width_K: Array
-    slope_per_K: Array
-    weight_dec: float
-    start: FilmStart = field(default_factory=FilmStart)
+    slope_per_K: float
+    start: FilmStart
+    of_all: PreisachFilm | None = None
+
+    @classmethod
+    def over(cls, film: PIFilm, middle_degC: float, spread_K: float, width_K: float) -> PreisachFilm:
+        """Steps over a film's plane. middle_degC, width_K: of its loop; spread_K: standard deviation of a branch."""
+        between = spread_K * SPACING
+        count = math.ceil(REACH * spread_K / between)
+        centres = middle_degC + between * np.arange(-count, count + 1)
+        widest = max(WIDEST * width_K, between)
+        widths = np.linspace(0.0, widest, WIDTHS)
+        centre, half_width = (grid.ravel() for grid in np.meshgrid(centres, widths))
+        return cls(film.curve, centre, half_width, STEEP / between, film.start)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -108,21 +125,25 @@ class PreisachFilm:
 
     @cached_property
     def precision(self) -> Array:
-        return np.append(_curve_precision(self.curve), np.full(self.centre_degC.size, self.weight_dec**-2.0))
+        return np.append(_curve_precision(self.curve), np.full(self.centre_degC.size, WEIGHT_DEC**-2.0))
 
     @property
     def free(self) -> int:
         return 1 + self.curve.count
 
     def columns(self, values: Array, nodes: FilmNodes) -> Array:
-        steps = classical_columns(nodes.everywhere() if False else nodes, self.centre_degC, self.slope_per_K, self.half_width_K)
+        widths, place = np.unique(self.half_width_K, return_inverse=True)
+        plays = play_columns(nodes, widths)
+        steps = np.tanh(self.slope_per_K * (plays[:, place] - self.centre_degC))
         return np.hstack((_curve_columns(self.curve, nodes), steps))
 
-    def only(self, steps: Array) -> PreisachFilm:
-        """The same with some of the steps."""
-        return replace(
-            self,
-            centre_degC=self.centre_degC[steps],
-            half_width_K=self.half_width_K[steps],
-            slope_per_K=self.slope_per_K[steps],
-        )
+    def only(self, active: NDArray[np.bool_]) -> PreisachFilm:
+        """The same with some of the columns."""
+        steps = active[self.free :]
+        chosen = {"centre_degC": self.centre_degC[steps], "half_width_K": self.half_width_K[steps]}
+        return replace(self, **chosen, of_all=self.of_all or self)
+
+    def starting_with(self, start: FilmStart) -> PreisachFilm:
+        """The same with another memory at the first row."""
+        of_all = self.of_all.starting_with(start) if self.of_all else None
+        return replace(self, start=start, of_all=of_all)

@@ -11,6 +11,7 @@ import numpy as np
 
 from sim.effects.effect import Effect
 from sim.findings.candidates import Start, is_sizeable, possible, scores
+from sim.findings.films import PIFilm
 from sim.findings.starts import remembered, restarted
 from sim.inference.evidence import price
 from sim.inference.joint import Fit, Joint, Metric
@@ -49,6 +50,10 @@ class Search:
         """Log-likelihood less the price of the effects."""
         return fit.log_likelihood - self.cost_of(fit, fit.effects)
 
+    def worth_of_film(self, fit: Fit) -> float:
+        """Evidence of the film's form, less the price of the effects."""
+        return evidence_of_film(fit) - self.cost_of(fit, fit.effects)
+
     def keep(self, fit: Fit) -> Fit:
         """Put a fit into the table."""
         key = frozenset(e.name for e in fit.effects)
@@ -64,7 +69,9 @@ class Search:
         for metric in self.metrics(fit):
             at = fit.at if metric is fit.metric else fit.joint.solve(fit.at.x, metric, fit.at.own)
             ranked = scores(fit, effects, metric, at)
-            for start in self.promising(ranked, fit):
+            # what explains a residual without a discrepancy has to gain what the discrepancy does
+            stands_for = fit.log_likelihood - fit.joint.log_likelihood(at, metric)
+            for start in self.promising(ranked, fit, max(stands_for, 0.0)):
                 tried.append(self.fitted(fit, start.scaled(), metric))
                 self.say(
                     f"    + {start.effect.name} {start.values} promised {start.promised:.1f} "
@@ -74,8 +81,8 @@ class Search:
         fits = [again for again in map(self.finished, tried[:FINISHED]) if again is not None]
         return max(fits, key=self.value, default=None)
 
-    def promising(self, ranked: Sequence[Start], fit: Fit) -> list[Start]:
-        """The few starts that are worth a full fit."""
+    def promising(self, ranked: Sequence[Start], fit: Fit, stands_for: float) -> list[Start]:
+        """The few starts that are worth a full fit. stands_for: log-likelihood that they have to make up for."""
         chosen: list[Start] = []
         best = {start.effect.name: start.promised for start in reversed(ranked)}
         # what promises the same from several sizes is fitted from the nearest one
@@ -86,7 +93,7 @@ class Search:
             name = start.effect.name
             same = sum(s.effect.name == name for s in chosen)
             names = {s.effect.name for s in chosen}
-            least = max(FAR_BEHIND * ranked[0].promised, PROMISING * self.cost_of(fit, [start.effect]))
+            least = max(FAR_BEHIND * ranked[0].promised, PROMISING * (self.cost_of(fit, [start.effect]) + stands_for))
             if start.promised < least or same >= (STARTS_EACH if start.free > 1 else 1):
                 continue
             if same == 0 and len(names) >= TRIED:
@@ -149,7 +156,7 @@ class Search:
             found = self.add(fit)
             if found is not None and self.gain(found, fit) > self.cost_of(found, found.effects[-1:]):
                 fit, anew = self.pruned(self.keep(remembered(found))), False
-            elif not anew and "output" in left_over(fit):
+            elif not anew and "output" in left_over(fit) and isinstance(fit.joint.film, PIFilm):
                 again, anew = self.keep(restarted(fit)), True
                 if again.log_likelihood < fit.log_likelihood + WORTH:
                     break
@@ -179,6 +186,17 @@ class Search:
                 fit = other
                 self.say("exchanged: " + described(fit))
         return fit
+
+
+def evidence_of_film(fit: Fit) -> float:
+    """Log-likelihood less what the film's coefficients and unknowns cost: the marginal likelihood over the coefficients
+    that carry the film (D. MacKay, Neural Computation 4 (1992) 415), and half a ln(rows) for each unknown."""
+    film, at = fit.joint.film, fit.at
+    if film is None:
+        return fit.log_likelihood
+    active = at.design[:, at.active] / np.sqrt(film.precision[at.active])
+    _, volume = np.linalg.slogdet(np.eye(active.shape[1]) + active.T @ active)
+    return float(fit.log_likelihood - 0.5 * volume - 0.5 * len(film.unknowns) * math.log(fit.joint.rows_dec.size))
 
 
 def passes(fit: Fit) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import RESISTANCE_SLOPE_PRIOR_PER_K, SEEBECK_SLOPE_PRIOR_PER_K, Kind
-from sim.findings.films import PIFilm, curve_over
+from sim.findings.films import PIFilm, PreisachFilm, curve_over
 from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, Point, TwoChannels
 from sim.inference.noise import Noise, Readings
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH, beginnings
@@ -18,6 +18,9 @@ from sim.model.record_own import FilmStart
 
 SHARES: Final = (0.0, 0.5, 1.0)  # of the loop's width that the envelopes' centres are apart: the radii give the rest
 STEEPER: Final = (0.7, 1.0, 1.5)  # envelopes than the branches that they make
+LEVELS: Final = (0.25, 0.5, 0.75)  # of the output's range, at which branches are looked up
+SLOPES: Final = (0.02, 2.0)  # of a branch, 1/K: 100 K to 1 K wide
+SPREAD: Final = 0.907  # of a tanh's slope times the standard deviation of its derivative: pi / sqrt(12)
 TRIED: Final = 3  # of the starts of the film that are descended from
 FIRST_STEPS: Final = 6  # of these descents
 
@@ -84,26 +87,22 @@ def _stretches(record: TwoChannels) -> list[Stretch]:
 
 def branches(record: TwoChannels, degC: Array) -> tuple[tuple[float, float], float]:
     """(centres of the rising and of the falling branch, degC; slope of a tanh as steep as they are, 1/K), from the
-    output over a smooth temperature of the rows."""
+    output over a smooth temperature of the rows: at each level of output the branches are the hottest of the rising and
+    the coldest of the falling rows, and minor loops lie between."""
     assert record.output is not None
     used = np.flatnonzero(record.output_used)
     t, y = degC[used], record.output[used]
-    low, high = np.percentile(y, [2.0, 98.0])
-    share = np.clip((y - low) / max(high - low, 1e-9), 0.0, 1.0)
-    rate = np.gradient(t)
-    centres, spreads = [], []
-    for side in (1.0, -1.0):
-        rows = (side * rate > 0.0) & (share > 0.1) & (share < 0.9)
-        if np.sum(rows) < 5:
-            rows = (share > 0.1) & (share < 0.9)
-        if np.sum(rows) < 5:
-            rows = np.ones(t.size, dtype=np.bool_)
-        weight = np.abs(rate[rows]) + 1e-12
-        centres.append(float(np.average(t[rows], weights=weight)))
-        spreads.append(float(np.sqrt(np.average((t[rows] - centres[-1]) ** 2, weights=weight))))
-    # temperatures at which a tanh of slope a is between 0.1 and 0.9 are spread by 1.1 / (a sqrt 3)
-    slope = 0.635 / max(0.5 * sum(spreads), 0.1)
-    return (centres[0], max(centres[1], -1e3)), float(np.clip(slope, 0.02, 1.0))
+    low, high = np.percentile(y, [1.0, 99.0])
+    share, rate = (y - low) / max(high - low, 1e-9), np.gradient(t)
+    at = np.empty((2, len(LEVELS)))
+    for k, (side, end) in enumerate(((1.0, 90.0), (-1.0, 10.0))):
+        for j, level in enumerate(LEVELS):
+            near = np.abs(share - level) < 0.5 * (LEVELS[1] - LEVELS[0])
+            rows = near & (side * rate > 0.0)
+            rows = rows if np.any(rows) else near
+            at[k, j] = np.percentile(t[rows], end) if np.any(rows) else np.median(t)
+    between = 0.5 * float(np.sum(at[:, -1] - at[:, 0]))  # of a tanh that is 2 atanh(1/2) / slope
+    return (float(at[0, 1]), float(at[1, 1])), float(np.clip(2.0 * math.atanh(0.5) / max(between, 0.1), *SLOPES))
 
 
 def film_starts(record: TwoChannels, degC: Array) -> list[PIFilm]:
@@ -119,6 +118,33 @@ def film_starts(record: TwoChannels, degC: Array) -> list[PIFilm]:
         apart = 0.5 * share * width
         out += [PIFilm(curve, (middle + apart, middle - apart), slope * factor, ends, start) for factor in STEEPER]
     return out
+
+
+def with_preisach_film(fit: Fit) -> Fit:
+    """The fit with a Preisach film in place of its own, and without its effects on the film and its ohmmeter, which may
+    have stood in for the film."""
+    record, old = fit.joint.record, fit.joint.film
+    assert isinstance(old, PIFilm) and fit.metric.output is not None
+    degC = _smooth_path(fit)
+    centres, slope = branches(record, degC)
+    film = PreisachFilm.over(old, 0.5 * sum(centres), SPREAD / slope, max(centres[0] - centres[1], 0.0))
+    effects = [e for e in fit.effects if e.before_film]
+    joint = Joint(record, effects, film, fit.joint.kind)
+    x = joint.from_other(fit.joint, fit.at.x)
+    metric = Metric(fit.metric.temperature, fit.metric.output.without_slow())
+    return thinned(joint.fit(x, metric, fit.at.own, rounds=1, steps=0))
+
+
+def thinned(fit: Fit) -> Fit:
+    """The fit of a Preisach film with those of all of its steps that carry it."""
+    film = fit.joint.film
+    assert isinstance(film, PreisachFilm)
+    every = Joint(fit.joint.record, fit.effects, film.of_all or film, fit.joint.kind)
+    at = every.solve(fit.at.x, fit.metric, fit.at.own)
+    of_all = every.film
+    assert isinstance(of_all, PreisachFilm)
+    joint = Joint(fit.joint.record, fit.effects, of_all.only(at.active), fit.joint.kind)
+    return joint.fit(at.x, fit.metric, at.own)
 
 
 def base_fit(record: TwoChannels, kind: Kind = "peltier") -> Fit:
@@ -148,6 +174,10 @@ def remembering(joint: Joint, at: Point, metric: Metric) -> tuple[Joint, Point]:
 
 def remembered(fit: Fit) -> Fit:
     """The fit with the memory of its film chosen anew."""
+    if isinstance(fit.joint.film, PreisachFilm):
+        return thinned(fit)
+    if fit.joint.film is None:
+        return fit
     joint, at = remembering(fit.joint, fit.at, fit.metric)
     return fit if joint is fit.joint else joint.fit(at.x, fit.metric, at.own)
 

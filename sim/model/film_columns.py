@@ -35,6 +35,16 @@ def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
     return out
 
 
+def play_columns(nodes: FilmNodes, half_width_K: Array) -> Array:
+    """Classical play operators F_h[T] at the points, degC, shape (points, operators)."""
+    inputs, side = _path(nodes)
+    rows = nodes.points + (inputs.size - nodes.time_s.size)
+    out = np.empty((rows.size, half_width_K.size))
+    group = np.zeros(half_width_K.size, dtype=np.int64)
+    operator_outputs(np.ascontiguousarray(inputs[:, None]), side, half_width_K, group, np.inf, rows, out)
+    return out
+
+
 def operator_signal(nodes: FilmNodes, shape: Array, radii: Array, weights: Array) -> Array:
     """The columns times weights, shape (points,)."""
     inputs, side = _path(nodes)
