@@ -9,12 +9,14 @@ from typing import Final
 
 import numpy as np
 
+from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect
 from sim.findings.candidates import Start, is_sizeable, possible, scores
 from sim.findings.films import PIFilm
 from sim.findings.starts import remembered, restarted
 from sim.inference.evidence import price
-from sim.inference.joint import Fit, Joint, Metric
+from sim.inference.joint import ChannelNoise, Fit, Joint, Metric
+from sim.inference.noise import estimate
 from sim.inference.nuisance import WORTH
 
 TRIED: Final = 5  # candidates that are fitted in full at each stage: true ones are nearly always among the first three
@@ -209,15 +211,23 @@ def passes(fit: Fit) -> float:
 def left_over(fit: Fit) -> dict[str, float]:
     """By channel the discrepancy over the white noise, where it is significant and larger than the fit's own errors."""
     found = {}
-    residuals = {"temperature": fit.at.residual_K, "output": fit.at.residual_dec}
-    for (name, residual), channel in zip(residuals.items(), fit.metric.channels, strict=False):
+    for name, residual, channel in zip(("temperature", "output"), _residuals(fit), fit.metric.channels, strict=False):
         noise = channel.noise
+        if fit.joint.rounded and name == "temperature":  # its likelihood has no discrepancy: it is looked for in the mean
+            noise = estimate(residual, channel.readings)
+            channel = ChannelNoise(noise, channel.readings)
         if noise.slow <= LEFT_SHARE * noise.white:
             continue
         white = channel.without_slow().whitening.log_likelihood(residual)
         if channel.whitening.log_likelihood(residual) - white > price(2, residual.size):
             found[name] = noise.slow / noise.white
     return found
+
+
+def _residuals(fit: Fit) -> tuple[Array, Array]:
+    """Of both channels; of rounded readings the mean of their noise."""
+    first = fit.at.white_K * fit.metric.temperature.noise.white if fit.joint.rounded else fit.at.residual_K
+    return first, fit.at.residual_dec
 
 
 def described(fit: Fit) -> str:

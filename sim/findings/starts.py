@@ -28,7 +28,7 @@ FIRST_STEPS: Final = 6  # of these descents
 def first_metric(joint: Joint) -> Metric:
     """White noise as the readings show it from row to row."""
     at_K, at_dec = joint.readings()
-    temperature = ChannelNoise(Noise(max(_rough(joint.degC), LEAST_NOISE_K, 0.3 * joint.record.step_K)), at_K)
+    temperature = ChannelNoise(Noise(max(joint.rough_K, LEAST_NOISE_K, 0.3 * joint.record.step_K)), at_K)
     if joint.film is None:
         return Metric(temperature, None)
     return Metric(temperature, ChannelNoise(Noise(max(_rough(joint.output), LEAST_NOISE_DEC)), at_dec))

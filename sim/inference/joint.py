@@ -23,6 +23,8 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize_scalar
+from scipy.special import log_ndtr
 
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import (
@@ -56,6 +58,9 @@ STEPS: Final = 12  # of a descent: from a near start 4 to 6 are taken
 ROUNDS: Final = 3  # of fit and noise in turn
 BESIDE: Final = 10.0  # how far beyond its typical range an effect's size may go in a fit, as a factor
 DAMPING: Final = Damping(1e-3, 0.2, 8.0, 1e-7, 1e-4, 6)
+ROUNDED: Final = 0.5  # of a noise: a step of readings that is larger is seen in their likelihood
+LOG_SHARE: Final = (-4.0, 1.0)  # bounds of ln(noise / step): below a fiftieth of a step no noise is seen
+LEAST_KNOWN: Final = 1e-6  # of a reading's information: it is divided by
 RANGES: Final = 3.0  # deviations of a reading from a threshold within which either range may have been on
 
 
@@ -174,13 +179,15 @@ class Simulated:
 class Point:
     """A place in parameter space with its best coefficients. residual_K, residual_dec: of the used readings; own: the
     film's own output in the rows; shown_dec: as the ohmmeter shows it, in the rows; design: the film's columns in the
-    used readings; active: the columns that carry the fit; cost: minus the log-likelihood without `log_scale`."""
+    used readings; active: the columns that carry the fit; cost: minus the log-likelihood without `log_scale`; known_K:
+    the share of its information that a thermometer's reading still has after it was rounded."""
 
     x: Array
     run: Simulated
     residual_K: Array
     cost: float
     white_K: Array
+    known_K: Array
     coefficients: Array = field(default_factory=lambda: np.empty(0))
     active: Mask = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
     design: Array = field(default_factory=lambda: np.empty((0, 0)))
@@ -228,6 +235,9 @@ class Joint:
         self.output = record.output[self.rows_dec] if film is not None and record.output is not None else np.empty(0)
         self.driven = record.current_A is not None
         self.anew = anew_rows(record)
+        bend = np.diff(self.degC, 2)
+        self.rough_K = 1.4826 * float(np.median(np.abs(bend))) / math.sqrt(6.0) if bend.size else 0.0
+        self.rounded = record.step_K > ROUNDED * self.rough_K
         self.unknowns = self._layout()
         self.names = [unknown.name for unknown in self.unknowns]
         self.place = {name: k for k, name in enumerate(self.names)}
@@ -410,11 +420,17 @@ class Joint:
         run = self.simulate(x, metric, own)
         residual = self.degC - run.shown_degC[self.rows_K]
         if not np.all(np.isfinite(residual)) or np.max(np.abs(residual)) > 1e5:
-            return Point(x, run, residual, math.inf, residual)
-        white = metric.temperature.whitening.of(residual)
+            return Point(x, run, residual, math.inf, residual, np.ones(residual.size))
         away = (x - self.prior_mean) / self.prior_deviation
-        cost = 0.5 * float(white @ white + away @ away) + self._share_cost(x)
-        point = Point(x, run, residual, cost, white)
+        cost = 0.5 * float(away @ away) + self._share_cost(x)
+        if self.rounded:
+            logs, white, known = of_rounded(residual, self.record.step_K, metric.temperature.noise.white)
+            cost += metric.temperature.log_scale - float(np.sum(logs))
+            point = Point(x, run, residual, cost, white, known)
+        else:
+            white = metric.temperature.whitening.of(residual)
+            cost += 0.5 * float(white @ white)
+            point = Point(x, run, residual, cost, white, np.ones(white.size))
         if run.columns is None:
             return point if self.film is None else replace(point, cost=math.inf)
         point = self._solve_film(point, metric, self.measured if own is None else own)
@@ -463,7 +479,7 @@ class Joint:
         joint = joint or self
         run = joint.simulate(x, metric, at.own if at.own.size else None, None if thermal else at.run)
         change = run.shown_degC - at.run.shown_degC
-        white = metric.temperature.whitening.of(change[self.rows_K])
+        white = metric.temperature.whitening.of(change[self.rows_K]) * np.sqrt(at.known_K)
         if self.film is None:
             return white
         assert metric.output is not None
@@ -486,7 +502,7 @@ class Joint:
 
     def residual(self, at: Point) -> Array:
         """Of both channels, whitened."""
-        return np.append(at.white_K, at.white_dec)
+        return np.append(at.white_K / np.sqrt(at.known_K), at.white_dec)
 
     def projected(self, at: Point, columns: Array) -> Array:
         """Inner products of whitened columns (readings of both, k) and the residual, with the film's active columns
@@ -557,9 +573,12 @@ class Joint:
     def noise(self, at: Point, before: Metric, most: tuple[float, float] = (math.inf, math.inf)) -> Metric:
         """The likeliest noise for a point's residuals. before: for the weights of readings far out; most: the largest
         discrepancy of each channel."""
-        least = max(LEAST_NOISE_K, self.record.step_K / math.sqrt(12.0))
-        exact = np.zeros(at.residual_K.size)
-        temperature = _estimated(at.residual_K, before.temperature.readings, exact, least, most[0])
+        readings, step = before.temperature.readings, self.record.step_K
+        if self.rounded:
+            temperature = ChannelNoise(Noise(noise_before_rounding(at.residual_K, step)), readings)
+        else:
+            least = max(LEAST_NOISE_K, step / math.sqrt(12.0))
+            temperature = _estimated(at.residual_K, readings, np.zeros(at.residual_K.size), least, most[0])
         if self.film is None or before.output is None:
             return Metric(temperature, None)
         error = np.hypot(self._path_error(at, temperature), self._range_error(at, before.output.noise.white))
@@ -626,6 +645,28 @@ class Joint:
         return tuple(  # type: ignore[return-value]
             Readings.at(time[rows], np.diff(record[rows], prepend=0) > 0) for rows in (self.rows_K, self.rows_dec)
         )
+
+
+def of_rounded(residual: Array, step: float, white: float) -> tuple[Array, Array, Array]:
+    """(log-likelihood of each rounded reading; the mean of its noise given the interval that it was rounded from, over
+    the noise; the share of its information that it kept), each (readings,). residual: reading less what is shown."""
+    sign = np.where(residual < 0.0, -1.0, 1.0)
+    low, high = (np.abs(residual) - 0.5 * step) / white, (np.abs(residual) + 0.5 * step) / white
+    most, least = log_ndtr(-low), log_ndtr(-high)
+    logs = most + np.log1p(-np.exp(np.minimum(least - most, -1e-300)))
+    at_low, at_high = (np.exp(-0.5 * end**2 - 0.5 * math.log(2.0 * math.pi) - logs) for end in (low, high))
+    mean = at_low - at_high
+    known = np.clip(mean**2 - (low * at_low - high * at_high), LEAST_KNOWN, 1.0)
+    return logs, sign * mean, known
+
+
+def noise_before_rounding(residual: Array, step: float) -> float:
+    """Return the likeliest white noise of readings before they were rounded."""
+
+    def cost(log_share: float) -> float:
+        return -float(np.sum(of_rounded(residual, step, math.exp(log_share) * step)[0]))
+
+    return step * math.exp(minimize_scalar(cost, bounds=LOG_SHARE, method="bounded", options={"xatol": 0.01}).x)
 
 
 def _both(size: float) -> tuple[float, float]:
