@@ -122,6 +122,11 @@ class Search:
             return None
         found = first.joint.fit(first.at.x, first.metric, first.at.own if first.at.own.size else None)
         found = max(found, first, key=lambda f: f.log_likelihood)
+        if any(channel.noise.slow > channel.noise.white for channel in found.metric.channels):
+            # a large discrepancy stands in for parameters that are off, and keeps them there
+            tight = found.metric.tight()
+            again = first.joint.fit(found.at.x, tight, found.at.own if found.at.own.size else None)
+            found = max(found, again, key=lambda f: f.log_likelihood)
         values = found.values()[found.effects[-1].name]
         return self.keep(found) if is_sizeable(found.effects[-1], list(values.values())) else None
 

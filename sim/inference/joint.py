@@ -158,6 +158,16 @@ class Metric:
     def channels(self) -> list[ChannelNoise]:
         return [channel for channel in (self.temperature, self.output) if channel is not None]
 
+    def tight(self) -> Metric:
+        """The metric of the white noise alone, where the discrepancy is larger: the least error of the simulation."""
+        channels = [
+            channel
+            if channel is None or channel.noise.slow <= channel.noise.white
+            else ChannelNoise(Noise(channel.noise.white), channel.readings)
+            for channel in (self.temperature, self.output)
+        ]
+        return Metric(channels[0] or self.temperature, channels[1])
+
     def without_slow(self) -> Metric:
         """The metric of a model that explains everything: no discrepancy, noise of the same size."""
         return Metric(self.temperature.without_slow(), self.output.without_slow() if self.output else None)
