@@ -107,7 +107,8 @@ class Search:
     def metrics(fit: Fit) -> list[Metric]:
         """The two ends of what the discrepancy may be: as estimated, and none, as if one effect explained it all. A
         slow discrepancy hides a slow effect from the first."""
-        large = any(channel.noise.slow > channel.noise.white for channel in fit.metric.channels)
+        channels = fit.metric.channels[not fit.metric.simulated :]
+        large = any(channel.noise.slow > channel.noise.white for channel in channels)
         return [fit.metric, fit.metric.without_slow()] if large else [fit.metric]
 
     def fitted(self, fit: Fit, start: Start, metric: Metric) -> Fit:
@@ -122,7 +123,7 @@ class Search:
             return None
         found = first.joint.fit(first.at.x, first.metric, first.at.own if first.at.own.size else None)
         found = max(found, first, key=lambda f: f.log_likelihood)
-        if any(channel.noise.slow > channel.noise.white for channel in found.metric.channels):
+        if any(c.noise.slow > c.noise.white for c in found.metric.channels[not found.metric.simulated :]):
             # a large discrepancy stands in for parameters that are off, and keeps them there
             tight = found.metric.tight()
             again = first.joint.fit(found.at.x, tight, found.at.own if found.at.own.size else None)
@@ -217,6 +218,8 @@ def left_over(fit: Fit) -> dict[str, float]:
     """By channel the discrepancy over the white noise, where it is significant and larger than the fit's own errors."""
     found = {}
     for name, residual, channel in zip(("temperature", "output"), _residuals(fit), fit.metric.channels, strict=False):
+        if name == "temperature" and not fit.metric.simulated:
+            continue
         noise = channel.noise
         if fit.joint.rounded and name == "temperature":  # its likelihood has no discrepancy: it is looked for in the mean
             noise = estimate(residual, channel.readings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -44,7 +45,9 @@ def plate_fit(record: TwoChannels, kind: Kind) -> Fit:
     joint = Joint(record, (), None, kind)
     metric = first_metric(joint)
     if not joint.driven:
-        return joint.fit(joint.start(), metric, rounds=1)
+        at = joint.solve(joint.start(), metric)
+        path = joint.noise(at, metric).temperature
+        return Fit(joint, at, Metric(path, None, simulated=False), 0.0)
     tried = []
     for par in rough_balances(_stretches(record), kind):
         x = joint.start()
@@ -69,7 +72,7 @@ def settled(joint: Joint, x: Array, metric: Metric, own: Array | None = None) ->
         if output is not None:
             left = float(np.sqrt(np.mean(at.residual_dec**2)))
             output = ChannelNoise(Noise(max(left, LEAST_NOISE_DEC)), output.readings)
-        metric, x, own = Metric(white, output), at.x, at.own if at.own.size else None
+        metric, x, own = metric.of(white, output), at.x, at.own if at.own.size else None
     most = size, (left if output is not None else math.inf)
     return joint.fit(x, joint.noise(at, metric, most), own, most=most)
 
@@ -131,7 +134,7 @@ def with_preisach_film(fit: Fit) -> Fit:
     effects = [e for e in fit.effects if e.before_film]
     joint = Joint(record, effects, film, fit.joint.kind)
     x = joint.from_other(fit.joint, fit.at.x)
-    metric = Metric(fit.metric.temperature, fit.metric.output.without_slow())
+    metric = replace(fit.metric, output=fit.metric.output.without_slow())
     return thinned(joint.fit(x, metric, fit.at.own, rounds=1, steps=0))
 
 
@@ -153,7 +156,7 @@ def base_fit(record: TwoChannels, kind: Kind = "peltier") -> Fit:
     if record.output is None:
         return plate
     best = _with_film(plate)
-    metric = best.metric.without_slow() if best.joint.driven else best.metric
+    metric = best.metric.without_slow()
     joint, at = remembering(best.joint, best.at, metric)
     return remembered(settled(joint, at.x, metric, at.own))
 
@@ -185,7 +188,7 @@ def remembered(fit: Fit) -> Fit:
 def restarted(fit: Fit) -> Fit:
     """The fit with its film begun anew from all starts, where that is likelier: local minima look like effects."""
     found = _with_film(fit)
-    metric = Metric(fit.metric.temperature, found.metric.output)
+    metric = replace(fit.metric, output=found.metric.output)
     joint, at = remembering(found.joint, found.at, metric)
     return max(fit, remembered(joint.fit(at.x, metric, at.own)), key=lambda f: f.log_likelihood)
 
@@ -197,7 +200,7 @@ def _with_film(fit: Fit) -> Fit:
     for film in film_starts(record, _smooth_path(fit)):
         joint = Joint(record, fit.effects, film, fit.joint.kind)
         output = fit.metric.output.without_slow() if fit.metric.output else first_metric(joint).output
-        metric = Metric(fit.metric.temperature, output)
+        metric = replace(fit.metric, output=output)
         x = np.where(joint.is_film, joint.start(), joint.from_other(fit.joint, fit.at.x))
         own = fit.at.own if fit.at.own.size else None
         at = joint.solve(x, metric, own)

@@ -149,10 +149,12 @@ class ChannelNoise:
 
 @dataclass(frozen=True, eq=False)
 class Metric:
-    """The noise of both channels; output: None without a film."""
+    """The noise of both channels; output: None without a film. simulated: whether a current drives the plate; if not,
+    the discrepancy of the thermometer is all of the film's path, and stays as it is."""
 
     temperature: ChannelNoise
     output: ChannelNoise | None
+    simulated: bool = True
 
     @property
     def channels(self) -> list[ChannelNoise]:
@@ -166,11 +168,15 @@ class Metric:
             else ChannelNoise(Noise(channel.noise.white), channel.readings)
             for channel in (self.temperature, self.output)
         ]
-        return Metric(channels[0] or self.temperature, channels[1])
+        return self.of(channels[0] or self.temperature, channels[1])
 
     def without_slow(self) -> Metric:
         """The metric of a model that explains everything: no discrepancy, noise of the same size."""
-        return Metric(self.temperature.without_slow(), self.output.without_slow() if self.output else None)
+        return self.of(self.temperature.without_slow(), self.output.without_slow() if self.output else None)
+
+    def of(self, temperature: ChannelNoise, output: ChannelNoise | None) -> Metric:
+        """Other noise, but for the thermometer's where that is the path."""
+        return Metric(temperature if self.simulated else self.temperature, output, self.simulated)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,14 +253,14 @@ class Joint:
         self.anew = anew_rows(record)
         bend = np.diff(self.degC, 2)
         self.rough_K = 1.4826 * float(np.median(np.abs(bend))) / math.sqrt(6.0) if bend.size else 0.0
-        self.rounded = record.step_K > ROUNDED * self.rough_K
+        self.rounded = self.driven and record.step_K > ROUNDED * self.rough_K
         self.unknowns = self._layout()
         self.names = [unknown.name for unknown in self.unknowns]
         self.place = {name: k for k, name in enumerate(self.names)}
         self.low = np.array([unknown.low for unknown in self.unknowns])
         self.high = np.array([unknown.high for unknown in self.unknowns])
         priors = [unknown.prior or (0.0, math.inf) for unknown in self.unknowns]
-        self.prior_mean, self.prior_deviation = (np.array(column) for column in zip(*priors, strict=True))
+        self.prior_mean, self.prior_deviation = (np.array(column) for column in np.reshape(priors, (-1, 2)).T)
         self._nodes: tuple[tuple[float, ...], Nodes] | None = None
         self._film_places = slice(self.place[film.unknowns[0].name], None) if film and film.unknowns else slice(len(self.unknowns), None)
 
@@ -555,6 +561,8 @@ class Joint:
 
     def normal_equations(self, at: Point, metric: Metric) -> tuple[Array, Array]:
         """N and g of a Gauss-Newton step, priors included."""
+        if not self.unknowns:
+            return np.zeros((0, 0)), np.zeros(0)
         inner = self.projected(at, self.jacobian(at, metric))
         precision = self.prior_deviation**-2.0
         away, gradient = self._share(at.x)
@@ -563,6 +571,9 @@ class Joint:
 
     def descend(self, at: Point, metric: Metric, steps: int = STEPS, settled: float = SETTLED) -> Point:
         """The point of the least cost near another, with this noise."""
+
+        if not self.unknowns:
+            return at
 
         def linearized(here: Point) -> Linearized[Point]:
             normal, gradient = self.normal_equations(here, metric)
@@ -584,16 +595,18 @@ class Joint:
         """The likeliest noise for a point's residuals. before: for the weights of readings far out; most: the largest
         discrepancy of each channel."""
         readings, step = before.temperature.readings, self.record.step_K
-        if self.rounded:
+        if not before.simulated:
+            temperature = before.temperature
+        elif self.rounded:
             temperature = ChannelNoise(Noise(noise_before_rounding(at.residual_K, step)), readings)
         else:
             least = max(LEAST_NOISE_K, step / math.sqrt(12.0))
             temperature = _estimated(at.residual_K, readings, np.zeros(at.residual_K.size), least, most[0])
         if self.film is None or before.output is None:
-            return Metric(temperature, None)
+            return before.of(temperature, None)
         error = np.hypot(self._path_error(at, temperature), self._range_error(at, before.output.noise.white))
         output = _estimated(at.residual_dec, before.output.readings, error, LEAST_NOISE_DEC, most[1])
-        return Metric(temperature, output)
+        return before.of(temperature, output)
 
     def _range_error(self, at: Point, white: float) -> Array:
         """What a reading may be off by because it is not known which range the ohmmeter was on, (used readings,)."""
