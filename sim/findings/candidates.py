@@ -104,7 +104,7 @@ def scores(fit: Fit, effects: Sequence[Effect], metric: Metric, at: Point) -> li
     for effect in effects:
         for start in starts(effect):
             try:
-                other = Joint(joint.record, (*joint.effects, start.effect), joint.film, joint.kind)
+                other = joint.having((*joint.effects, start.effect))
             except ValueError:
                 continue
             x = other.with_effect(other.from_other(joint, at.x), start.effect, start.values)

@@ -9,7 +9,7 @@ from compensator.thermal.plate import Kind
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect
 from sim.findings.search import Search, left_over
-from sim.findings.starts import base_fit, with_preisach_film
+from sim.findings.starts import base_fit
 from sim.inference.joint import Fit, TwoChannels
 
 
@@ -34,12 +34,6 @@ def selected(
     search = Search(list(catalogue().values()) if effects is None else effects, say)
     base = base_fit(record, kind)
     fit = search.run(base)
-    if "output" in left_over(fit):
-        other = Search(search.effects, say)
-        found = other.run(with_preisach_film(fit))
-        say(f"evidence: PI film {other.worth_of_film(fit):.1f}, Preisach film {other.worth_of_film(found):.1f}")
-        if other.worth_of_film(found) > other.worth_of_film(fit):
-            fit, search = found, other
     return Selected(base, fit, left_over(fit), _rounded(fit), search)
 
 

@@ -50,9 +50,14 @@ def _curve_precision(curve: SmoothCurve) -> Array:
     return deviations**-2.0
 
 
-def _curve_columns(curve: SmoothCurve, nodes: FilmNodes) -> Array:
+def _with_curve(curve: SmoothCurve, nodes: FilmNodes, steps: Array) -> Array:
+    """A constant, D's columns and the steps, one beside the other."""
     at = nodes.film_degC[nodes.points]
-    return np.column_stack((np.ones(at.size), curve.columns(at)))
+    out = np.empty((at.size, 1 + curve.count + steps.shape[1]))
+    out[:, 0] = 1.0
+    out[:, 1 : 1 + curve.count] = curve.columns(at)
+    out[:, 1 + curve.count :] = steps
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +94,7 @@ class PIFilm:
         return 1 + self.curve.count
 
     def columns(self, values: Array, nodes: FilmNodes) -> Array:
-        return np.hstack((_curve_columns(self.curve, nodes), operator_columns(nodes, values, self.radii)))
+        return _with_curve(self.curve, nodes, operator_columns(nodes, values, self.radii))
 
     def starting_with(self, start: FilmStart) -> PIFilm:
         """The same with another memory at the first row."""
@@ -135,7 +140,7 @@ class PreisachFilm:
         widths, place = np.unique(self.half_width_K, return_inverse=True)
         plays = play_columns(nodes, widths)
         steps = np.tanh(self.slope_per_K * (plays[:, place] - self.centre_degC))
-        return np.hstack((_curve_columns(self.curve, nodes), steps))
+        return _with_curve(self.curve, nodes, steps)
 
     def only(self, active: NDArray[np.bool_]) -> PreisachFilm:
         """The same with some of the columns."""

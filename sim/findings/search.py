@@ -13,9 +13,9 @@ from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect
 from sim.findings.candidates import Start, is_sizeable, possible, scores
 from sim.findings.films import PIFilm
-from sim.findings.starts import remembered, restarted
+from sim.findings.starts import remembered, restarted, with_preisach_film
 from sim.inference.evidence import price
-from sim.inference.joint import ChannelNoise, Fit, Joint, Metric
+from sim.inference.joint import ChannelNoise, Fit, Metric
 from sim.inference.noise import estimate
 from sim.inference.nuisance import WORTH
 
@@ -27,6 +27,7 @@ STARTS_EACH: Final = 2  # of one candidate: an effect's cost may have several mi
 FAR_BEHIND: Final = 0.1  # share of the best score, below which a candidate waits for the next stage
 PROMISING: Final = 0.2  # share of its price that a score must promise: far from its size it is 3 to 5 times short
 MOST_EFFECTS: Final = 5  # more cannot be told apart in one record
+MOST_FILMS: Final = 2  # trials of a film of another kind: one before its effects are known, and one after
 LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit's own discretization
 
 
@@ -113,7 +114,7 @@ class Search:
 
     def fitted(self, fit: Fit, start: Start, metric: Metric) -> Fit:
         """A first fit with a start's effect: one round."""
-        joint = Joint(fit.joint.record, (*fit.effects, start.effect), fit.joint.film, fit.joint.kind)
+        joint = fit.joint.having((*fit.effects, start.effect))
         x = joint.with_effect(joint.from_other(fit.joint, fit.at.x), start.effect, start.values)
         return joint.fit(x, metric, fit.at.own if fit.at.own.size else None, rounds=1, steps=FIRST_STEPS, settled=1.0)
 
@@ -133,9 +134,7 @@ class Search:
 
     def dropped(self, fit: Fit, name: str) -> Fit:
         """The fit without one of its effects."""
-        joint = Joint(
-            fit.joint.record, [e for e in fit.effects if e.name != name], fit.joint.film, fit.joint.kind
-        )
+        joint = fit.joint.having([e for e in fit.effects if e.name != name])
         return self.keep(
             joint.fit(joint.from_other(fit.joint, fit.at.x), fit.metric, fit.at.own if fit.at.own.size else None)
         )
@@ -156,23 +155,37 @@ class Search:
         return float(total - of_film * (1.0 - 1.0 / (1.0 + (passes(more) - 1.0) * share)))
 
     def run(self, fit: Fit) -> Fit:
-        """The best set, from a fit on."""
+        """The best set and form of film, from a fit on."""
         self.keep(fit)
         self.say(described(fit))
-        anew = False
+        anew, films = False, 0
         while len(fit.effects) < MOST_EFFECTS:
             found = self.add(fit)
+            better = None
             if found is not None and self.gain(found, fit) > self.cost_of(found, found.effects[-1:]):
-                fit, anew = self.pruned(self.keep(remembered(found))), False
-            elif not anew and "output" in left_over(fit) and isinstance(fit.joint.film, PIFilm):
-                again, anew = self.keep(restarted(fit)), True
-                if again.log_likelihood < fit.log_likelihood + WORTH:
-                    break
-                fit = again
-            else:
+                better = self.pruned(self.keep(remembered(found)))
+            left = isinstance(fit.joint.film, PIFilm) and "output" in left_over(better or fit)
+            if better is None and left and not anew:
+                again, anew = restarted(fit), True
+                if again.log_likelihood > fit.log_likelihood + WORTH:
+                    better = self.keep(again)
+                    left = "output" in left_over(better)
+            if left and films < MOST_FILMS:  # a film of another kind, without the effects that may stand in for it
+                films += 1
+                other = with_preisach_film(fit)
+                self.say(f"    Preisach film: {described(other)}")
+                if self.worth_of_film(other) > self.worth_of_film(better or fit):
+                    better = self.renewed(other)
+            if better is None:
                 break
+            fit = better
             self.say(described(fit))
         return self.exchanged(fit)
+
+    def renewed(self, fit: Fit) -> Fit:
+        """The fit of another film; what was known with the one before is forgotten."""
+        self.table.clear()
+        return self.keep(fit)
 
     def pruned(self, fit: Fit) -> Fit:
         """The fit without effects that are no longer worth their price."""
@@ -224,7 +237,10 @@ def left_over(fit: Fit) -> dict[str, float]:
         if fit.joint.rounded and name == "temperature":  # its likelihood has no discrepancy: it is looked for in the mean
             noise = estimate(residual, channel.readings)
             channel = ChannelNoise(noise, channel.readings)
-        if noise.slow <= LEFT_SHARE * noise.white:
+        own = LEFT_SHARE * noise.white
+        if name == "output" and not fit.metric.simulated:  # nobody knows the path better than its thermometer
+            own = math.hypot(own, float(np.sqrt(np.mean(fit.joint.path_error(fit.at, fit.metric.temperature) ** 2))))
+        if noise.slow <= own:
             continue
         white = channel.without_slow().whitening.log_likelihood(residual)
         if channel.whitening.log_likelihood(residual) - white > price(2, residual.size):

@@ -132,7 +132,7 @@ def with_preisach_film(fit: Fit) -> Fit:
     centres, slope = branches(record, degC)
     film = PreisachFilm.over(old, 0.5 * sum(centres), SPREAD / slope, max(centres[0] - centres[1], 0.0))
     effects = [e for e in fit.effects if e.before_film]
-    joint = Joint(record, effects, film, fit.joint.kind)
+    joint = fit.joint.having(effects, film)
     x = joint.from_other(fit.joint, fit.at.x)
     metric = replace(fit.metric, output=fit.metric.output.without_slow())
     return thinned(joint.fit(x, metric, fit.at.own, rounds=1, steps=0))
@@ -142,11 +142,11 @@ def thinned(fit: Fit) -> Fit:
     """The fit of a Preisach film with those of all of its steps that carry it."""
     film = fit.joint.film
     assert isinstance(film, PreisachFilm)
-    every = Joint(fit.joint.record, fit.effects, film.of_all or film, fit.joint.kind)
+    every = fit.joint.having(fit.effects, film.of_all or film)
     at = every.solve(fit.at.x, fit.metric, fit.at.own)
     of_all = every.film
     assert isinstance(of_all, PreisachFilm)
-    joint = Joint(fit.joint.record, fit.effects, of_all.only(at.active), fit.joint.kind)
+    joint = fit.joint.having(fit.effects, of_all.only(at.active))
     return joint.fit(at.x, fit.metric, at.own)
 
 
@@ -168,7 +168,7 @@ def remembering(joint: Joint, at: Point, metric: Metric) -> tuple[Joint, Point]:
     best = joint, at
     least = joint.solve(at.x, metric, at.own).cost - WORTH
     for start in beginnings(at.run.path, 0.0, joint.film.start):
-        other = Joint(joint.record, joint.effects, joint.film.starting_with(start), joint.kind)
+        other = joint.having(joint.effects, joint.film.starting_with(start))
         found = other.solve(at.x, metric, at.own)
         if found.cost < least:
             best, least = (other, found), found.cost
@@ -198,7 +198,7 @@ def _with_film(fit: Fit) -> Fit:
     tried: list[tuple[float, Joint, Array, Metric]] = []
     record = fit.joint.record
     for film in film_starts(record, _smooth_path(fit)):
-        joint = Joint(record, fit.effects, film, fit.joint.kind)
+        joint = fit.joint.having(fit.effects, film)
         output = fit.metric.output.without_slow() if fit.metric.output else first_metric(joint).output
         metric = replace(fit.metric, output=output)
         x = np.where(joint.is_film, joint.start(), joint.from_other(fit.joint, fit.at.x))
@@ -219,6 +219,8 @@ def _smooth_path(plate: Fit) -> Array:
 
     channel = plate.metric.temperature
     shown = plate.at.run.shown_degC
+    if not plate.joint.driven:
+        return plate.at.run.path.at(plate.joint.record.time_s)
     if channel.noise.slow == 0.0:
         return shown
     mean, _ = discrepancy(plate.at.residual_K, channel.noise, channel.readings)

@@ -5,8 +5,8 @@
 
 theta: plate, first temperatures, film envelopes and effects. The coefficients c (operator weights >= 0, D(T), offset)
 enter linearly and are projected out (G. Golub, V. Pereyra, Inverse Problems 19 (2003) R1). The path that drives the
-film is the simulated plate plus the smoothed d: where the plate's model is right this is the simulation, without a
-current it is the smoothed thermometer. The path's remaining error counts as variance of y.
+film is the simulated plate plus the smoothed d: where the plate's model is right this is the simulation. Without a
+current it is the path behind the thermometer's readings. Its remaining error counts as variance of y.
 
 Both channels are whitened with their noise, so that evidence is discounted wherever a model is wrong. Derivatives are
 secants, one simulation each.
@@ -14,6 +14,7 @@ secants, one simulation each.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -40,6 +41,7 @@ from sim.inference.nnls import solve_triangle
 from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, variances
 from sim.inference.nuisance import APART_K, LEAST_NOISE_DEC, LEAST_NOISE_K, ROOM_SPREAD_K
 from sim.inference.plate.fit import AMBIENT_DEGC, SHARE
+from sim.inference.readings.temperature_path import temperature_path
 from sim.inference.triangle import reduced
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.inputs import Inputs
@@ -48,6 +50,7 @@ from sim.model.meter_power import MeterCurrent, MeterPower
 from sim.model.ohmmeter import Ohmmeter, before_ranges, shown_in_rows
 from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
 from sim.model.record_own import FilmStart, anew_rows
+from sim.model.record_run import straight_path
 from sim.model.recorded import Recorded, Rows
 
 Mask = NDArray[np.bool_]
@@ -150,7 +153,7 @@ class ChannelNoise:
 @dataclass(frozen=True, eq=False)
 class Metric:
     """The noise of both channels; output: None without a film. simulated: whether a current drives the plate; if not,
-    the discrepancy of the thermometer is all of the film's path, and stays as it is."""
+    the thermometer's discrepancy is all of the path and says how well that is known: it stays as it is."""
 
     temperature: ChannelNoise
     output: ChannelNoise | None
@@ -264,6 +267,14 @@ class Joint:
         self._nodes: tuple[tuple[float, ...], Nodes] | None = None
         self._film_places = slice(self.place[film.unknowns[0].name], None) if film and film.unknowns else slice(len(self.unknowns), None)
 
+    def having(self, effects: Sequence[Effect], film: FilmForm | None = None) -> Joint:
+        """The likelihood of the same record with other effects, and maybe another form of film."""
+        other = Joint(self.record, effects, film or self.film, self.kind)
+        for name in ("_measured_path", "measured"):
+            if name in self.__dict__:
+                other.__dict__[name] = self.__dict__[name]
+        return other
+
     # ---- parameters ---------------------------------------------------------------------------------------------
 
     def _layout(self) -> list[Unknown]:
@@ -359,9 +370,7 @@ class Joint:
         """What the thermometer shows in the rows, and the plate's path."""
         record = self.record
         if not self.driven:
-            level = float(np.mean(self.degC))
-            flat = np.full(record.time_s.size, level)
-            return flat, PlatePath(record.time_s, flat, np.zeros((flat.size, 2)))
+            return np.full(record.time_s.size, float(np.mean(self.degC))), self._measured_path
         key = tuple(float(v) for e in links.commands for v in e.par)
         if self._nodes is None or self._nodes[0] != key:
             self._nodes = key, plate_nodes(record, links)
@@ -384,6 +393,16 @@ class Joint:
         )
         return run.shown_degC, run.path
 
+    @cached_property
+    def _measured_path(self) -> PlatePath:
+        """The path behind the thermometer's readings, of a record without a current."""
+        record = self.record
+        readings = np.where(record.temperature_used, record.temperature_degC, np.nan)
+        edges = [0, *record.joined.tolist(), readings.size]
+        parts = [slice(first, last) for first, last in itertools.pairwise(edges)]
+        found = [temperature_path(record.time_s[part], readings[part]).temperature_degC for part in parts]
+        return straight_path(record.time_s, np.concatenate(found))
+
     def simulate(self, x: Array, metric: Metric, own: Array | None = None, held: Simulated | None = None) -> Simulated:
         """The chain at x. own: the film's own output in the rows, as far as it is known: an ohmmeter heats by it.
         held: a simulation with the same plate and thermometer."""
@@ -404,7 +423,7 @@ class Joint:
         columns = self.film.columns(x[self._film_places], nodes)
         free = self.film.free
         for e in links.hysteretic_part:
-            columns = np.hstack((columns[:, :free], columns_followed(e, nodes.points_s, columns[:, free:])))
+            columns[:, free:] = columns_followed(e, nodes.points_s, columns[:, free:])
         return Simulated(shown, path, links, nodes, columns)
 
     @cached_property
@@ -415,7 +434,7 @@ class Joint:
     def _driving(self, plate: PlatePath, shown: Array, metric: Metric) -> PlatePath:
         """The plate's path with the smoothed discrepancy of the thermometer."""
         channel = metric.temperature
-        if channel.noise.slow == 0.0 or self.film is None:
+        if channel.noise.slow == 0.0 or self.film is None or not self.driven:
             return plate
         residual = self.degC - shown[self.rows_K]
         if not np.all(np.isfinite(residual)):
@@ -604,7 +623,7 @@ class Joint:
             temperature = _estimated(at.residual_K, readings, np.zeros(at.residual_K.size), least, most[0])
         if self.film is None or before.output is None:
             return before.of(temperature, None)
-        error = np.hypot(self._path_error(at, temperature), self._range_error(at, before.output.noise.white))
+        error = np.hypot(self.path_error(at, temperature), self._range_error(at, before.output.noise.white))
         output = _estimated(at.residual_dec, before.output.readings, error, LEAST_NOISE_DEC, most[1])
         return before.of(temperature, output)
 
@@ -617,7 +636,7 @@ class Joint:
         ends = [self._shown(at.run, signal, at.range_of + side)[self.rows_dec] for side in (reach, -reach)]
         return np.abs(ends[0] - ends[1])
 
-    def _path_error(self, at: Point, temperature: ChannelNoise) -> Array:
+    def path_error(self, at: Point, temperature: ChannelNoise) -> Array:
         """Deviation of y by the error of the film's path, (used readings,), decades."""
         if temperature.noise.slow == 0.0:
             return np.zeros(self.rows_dec.size)
