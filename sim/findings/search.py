@@ -27,6 +27,7 @@ STARTS_EACH: Final = 2  # of one candidate: an effect's cost may have several mi
 FAR_BEHIND: Final = 0.1  # share of the best score, below which a candidate waits for the next stage
 PROMISING: Final = 0.2  # share of its price that a score must promise: far from its size it is 3 to 5 times short
 MOST_EFFECTS: Final = 5  # more cannot be told apart in one record
+MOST: Final = 0.75  # of the mean square beyond the noise, half of its size: what explains less is no cause of it
 MOST_FILMS: Final = 2  # trials of a film of another kind: one before its effects are known, and one after
 LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit's own discretization
 
@@ -138,6 +139,11 @@ class Search:
         return self.keep(
             joint.fit(joint.from_other(fit.joint, fit.at.x), fit.metric, fit.at.own if fit.at.own.size else None)
         )
+
+    def without(self, fit: Fit, name: str) -> Fit:
+        """The best known fit without one of the effects."""
+        known = self.table.get(frozenset(e.name for e in fit.effects if e.name != name))
+        return known if known is not None and known.joint.film is fit.joint.film else self.dropped(fit, name)
 
     def gain(self, more: Fit, less: Fit) -> float:
         """Log-likelihood that one fit gains over another. What a film's model lacks comes again at every pass over the
@@ -252,6 +258,18 @@ def _residuals(fit: Fit) -> tuple[Array, Array]:
     """Of both channels; of rounded readings the mean of their noise."""
     first = fit.at.white_K * fit.metric.temperature.noise.white if fit.joint.rounded else fit.at.residual_K
     return first, fit.at.residual_dec
+
+
+def explains_most(fit: Fit, without: Fit) -> bool:
+    """Return True if an effect removes most of what its absence leaves beyond the noise, in one channel at least."""
+    for more, less, channel in zip(_residuals(fit), _residuals(without), fit.metric.channels, strict=False):
+        if not more.size or (channel is fit.metric.temperature and not fit.metric.simulated):
+            continue
+        white = channel.noise.white**2
+        excess, before = float(np.mean(more**2)) - white, float(np.mean(less**2)) - white
+        if before > LEFT_SHARE**2 * white and excess < (1.0 - MOST) * before:
+            return True
+    return False
 
 
 def described(fit: Fit) -> str:

@@ -54,6 +54,7 @@ from sim.model.record_run import straight_path
 from sim.model.recorded import Recorded, Rows
 
 Mask = NDArray[np.bool_]
+OWN: Final = ("ambient_degC", "room_K.", "first_degC.")  # what belongs to a record, and bodies' first temperatures
 RELATIVE_STEP: Final = 1e-3  # of a secant of a positive parameter: rounding is 1e-10, curvature 1e-3
 STEP_K: Final = 0.01  # of a secant of a temperature
 SETTLED: Final = 0.05  # log-likelihood that a last step gains: values are then within a third of their deviations
@@ -244,10 +245,17 @@ class Joint:
     """The likelihood of one record (or several, joined) for one set of effects and one form of film."""
 
     def __init__(
-        self, record: TwoChannels, effects: Sequence[Effect], film: FilmForm | None, kind: Kind = "peltier"
+        self,
+        record: TwoChannels,
+        effects: Sequence[Effect],
+        film: FilmForm | None,
+        kind: Kind = "peltier",
+        coefficients: Array | None = None,
     ) -> None:
-        """Raises ValueError for effects that clash."""
+        """coefficients: the film's, where they are known: then only what belongs to the record is fitted. Raises
+        ValueError for effects that clash."""
         self.record, self.effects, self.film, self.kind = record, tuple(effects), film, kind
+        self.coefficients = coefficients
         self.rows_K = np.flatnonzero(record.temperature_used)
         self.degC = record.temperature_degC[self.rows_K]
         self.rows_dec = np.flatnonzero(record.output_used) if film is not None else np.empty(0, dtype=np.int64)
@@ -264,12 +272,14 @@ class Joint:
         self.high = np.array([unknown.high for unknown in self.unknowns])
         priors = [unknown.prior or (0.0, math.inf) for unknown in self.unknowns]
         self.prior_mean, self.prior_deviation = (np.array(column) for column in np.reshape(priors, (-1, 2)).T)
+        own = [name.startswith(OWN) or ".first_K." in name for name in self.names]
+        self.moves = np.array(own) if coefficients is not None else np.ones(len(self.names), dtype=np.bool_)
         self._nodes: tuple[tuple[float, ...], Nodes] | None = None
         self._film_places = slice(self.place[film.unknowns[0].name], None) if film and film.unknowns else slice(len(self.unknowns), None)
 
     def having(self, effects: Sequence[Effect], film: FilmForm | None = None) -> Joint:
         """The likelihood of the same record with other effects, and maybe another form of film."""
-        other = Joint(self.record, effects, film or self.film, self.kind)
+        other = Joint(self.record, effects, film or self.film, self.kind, self.coefficients)
         for name in ("_measured_path", "measured"):
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]
@@ -489,7 +499,10 @@ class Joint:
         white = output.whitening.of(np.column_stack((design, target)))
         normal = white.T @ white
         normal[np.diag_indices(film.precision.size)] += film.precision
-        coefficients, _ = solve_triangle(reduced(normal), film.free)
+        if self.coefficients is None:
+            coefficients, _ = solve_triangle(reduced(normal), film.free)
+        else:
+            coefficients = self.coefficients
         white_dec = white[:, -1] - white[:, :-1] @ coefficients
         active = coefficients != 0.0
         active[: film.free] = True
@@ -529,6 +542,9 @@ class Joint:
         """Derivatives of both channels' whitened readings, coefficients held, (readings of both, unknowns)."""
         out = np.empty((self.rows_K.size + self.rows_dec.size, len(self.unknowns)), order="F")
         for k, unknown in enumerate(self.unknowns):
+            if not self.moves[k]:
+                out[:, k] = 0.0
+                continue
             step = unknown.step if at.x[k] + unknown.step <= unknown.high else -unknown.step
             x = at.x.copy()
             x[k] += step
@@ -545,7 +561,7 @@ class Joint:
         split = self.rows_K.size
         every = np.column_stack((columns, self.residual(at)))
         inner = every.T @ every
-        if self.film is None:
+        if self.film is None or self.coefficients is not None:
             return np.asarray(inner)
         active = at.design[:, at.active]
         normal = active.T @ active
@@ -586,7 +602,13 @@ class Joint:
         precision = self.prior_deviation**-2.0
         away, gradient = self._share(at.x)
         normal = inner[:-1, :-1] + np.diag(precision) + np.outer(gradient, gradient)
-        return normal, inner[:-1, -1] - precision * (at.x - self.prior_mean) - away * gradient
+        slope = inner[:-1, -1] - precision * (at.x - self.prior_mean) - away * gradient
+        still = ~self.moves
+        normal[still, :] = 0.0
+        normal[:, still] = 0.0
+        normal[still, still] = 1.0
+        slope[still] = 0.0
+        return normal, slope
 
     def descend(self, at: Point, metric: Metric, steps: int = STEPS, settled: float = SETTLED) -> Point:
         """The point of the least cost near another, with this noise."""

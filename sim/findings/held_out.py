@@ -1,0 +1,108 @@
+"""Errors on rows that no fit has seen: blocks of the record itself, which report, and another record, which decides.
+
+Of another record only what belongs to it is fitted (room, first temperatures, the film's memory), with the priors of
+`sim.inference.nuisance`; plate, film and effects stay as they were. Errors are those of the simulation from the
+recorded current, without any discrepancy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from sim.findings.films import PIFilm
+from sim.findings.starts import first_metric, remembering
+from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, Point, TwoChannels
+from sim.inference.nuisance import ROOM_SPREAD_K
+from sim.model.recorded import Mask
+
+HELD_STEPS = 6  # of a fit without the held-out rows, from the fit with them
+
+
+def residuals(joint: Joint, at: Point) -> dict[str, Array]:
+    """By channel what was read less what the simulation shows, (rows,), nan where no reading counts. joint: with the
+    film's coefficients known."""
+    record = joint.record
+    plain = joint.solve(at.x, _without_path_correction(joint), at.own if at.own.size == record.time_s.size else None)
+    found = {}
+    if joint.driven:
+        left = record.temperature_degC - plain.run.shown_degC
+        found["temperature_K"] = np.where(record.temperature_used, left, np.nan)
+    if joint.film is not None and record.output is not None:
+        found["resistance_dec"] = np.where(record.output_used, record.output - plain.shown_dec, np.nan)
+    return found
+
+
+def _without_path_correction(joint: Joint) -> Metric:
+    return first_metric(joint) if joint.driven else replace(first_metric(joint), simulated=False)
+
+
+def without_rows(fit: Fit, held: Mask) -> Fit:
+    """The fit without the held-out rows' readings."""
+    record: Any = fit.joint.record
+    used = record.temperature_used & ~held if fit.joint.driven else record.temperature_used
+    fewer = replace(record, temperature_used=used, output_used=record.output_used & ~held)
+    joint = Joint(fewer, fit.effects, fit.joint.film, fit.joint.kind)
+    at_K, at_dec = joint.readings()
+    output = fit.metric.output
+    metric = fit.metric.of(
+        ChannelNoise(fit.metric.temperature.noise, at_K),
+        ChannelNoise(output.noise, at_dec) if output is not None else None,
+    )
+    if not metric.simulated:
+        metric = replace(metric, temperature=ChannelNoise(fit.metric.temperature.noise, at_K))
+    own = fit.at.own if fit.at.own.size else None
+    at = joint.descend(joint.solve(fit.at.x, metric, own), metric, HELD_STEPS)
+    return Fit(joint, at, metric, joint.log_likelihood(at, metric))
+
+
+def errors_in(fit: Fit, held: Mask) -> dict[str, Array]:
+    """Residuals of a fit without some rows, in these rows, nan elsewhere, by channel."""
+    less = without_rows(fit, held)
+    whole = Joint(fit.joint.record, fit.effects, fit.joint.film, fit.joint.kind, less.at.coefficients)
+    return {name: np.where(held, left, np.nan) for name, left in residuals(whole, less.at).items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """A fit on another record: root mean square error by channel, the record's room."""
+
+    errors: Mapping[str, float]
+    ambient_degC: float | None
+
+
+def on_other_record(fit: Fit, record: TwoChannels, told: Mask, judged: Mask) -> Elsewhere:
+    """The fit's errors on another record. told: the rows to which what belongs to it is fitted; judged: the others."""
+    known: Any = record
+    fewer = replace(known, temperature_used=record.temperature_used & told, output_used=record.output_used & told)
+    coefficients = fit.at.coefficients
+    joint = Joint(fewer, fit.effects, fit.joint.film, fit.joint.kind, coefficients)
+    x = joint.from_other(fit.joint, fit.at.x)
+    for k, unknown in enumerate(joint.unknowns):
+        if unknown.name.startswith("first_degC."):
+            x[k] = unknown.start
+        if unknown.name == "ambient_degC":
+            joint.prior_mean[k], joint.prior_deviation[k] = x[k], ROOM_SPREAD_K
+    at_K, at_dec = joint.readings()
+    temperature, output = fit.metric.temperature.noise, fit.metric.output
+    metric = Metric(
+        ChannelNoise(temperature, at_K),
+        ChannelNoise(output.noise, at_dec) if output is not None and joint.film is not None else None,
+        joint.driven,
+    )
+    at = joint.descend(joint.solve(x, metric), metric)
+    if isinstance(joint.film, PIFilm):
+        joint, at = remembering(joint, at, metric)
+        at = joint.descend(at, metric)
+    whole = Joint(record, fit.effects, joint.film, fit.joint.kind, coefficients)
+    errors = {}
+    for name, left in residuals(whole, at).items():
+        counted = judged & np.isfinite(left)
+        if np.any(counted):
+            errors[name] = float(np.sqrt(np.mean(left[counted] ** 2)))
+    place = joint.place.get("ambient_degC")
+    return Elsewhere(errors, float(at.x[place]) if place is not None else None)
