@@ -4,17 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from threadpoolctl import threadpool_limits
 
 from compensator.thermal.plate import Kind
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect
+from sim.findings.intervals import covariance
 from sim.findings.result import Diagnosis, result
 from sim.findings.search import Search
 from sim.findings.starts import base_fit
 from sim.inference.joint import Fit, TwoChannels
 from sim.model.recorded import Mask
+
+
+SURE: Final = 4.0  # standard deviations from nothing: a drive that moves a plate is hundreds of them away
+STILL: Final = "current_A: this drive does not move this temperature; no effect on driver or plate can be named"
+
+
+def drive_moves(fit: Fit) -> bool:
+    """Return False if all coefficients of the drive are as good as 0: it does not move the plate."""
+    errors = covariance(fit).standard_errors
+    names = [name for name in ("s", "r", "q") if name in fit.joint.place]
+    return any(fit.at.x[fit.joint.place[name]] > SURE * errors[fit.joint.place[name]] for name in names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +37,7 @@ class Selected:
     base: Fit
     fit: Fit
     search: Search
+    warnings: tuple[str, ...] = ()
 
 
 def selected(
@@ -34,9 +48,13 @@ def selected(
 ) -> Selected:
     """Select the effects of a record. effects: those that are possible; None: the catalogue."""
     with threadpool_limits(limits=1):
-        search = Search(list(catalogue().values()) if effects is None else effects, say)
-        base = base_fit(record, kind)
-        return Selected(base, search.run(base), search)
+        known = list(catalogue().values()) if effects is None else effects
+        base, warnings = base_fit(record, kind), ()
+        if base.joint.driven and not drive_moves(base):
+            known = [effect for effect in known if effect.link not in ("driver", "plate")]
+            warnings = (STILL,)
+        search = Search(known, say)
+        return Selected(base, search.run(base), search, warnings)
 
 
 def diagnosed(
@@ -49,4 +67,4 @@ def diagnosed(
     """Diagnose a record. held: rows in which errors are reported, from fits that have not seen them."""
     found = selected(record, effects, kind, say)
     with threadpool_limits(limits=1):
-        return result(found.base, found.fit, found.search, held, say)
+        return result(found.base, found.fit, found.search, held, found.warnings, say)

@@ -15,7 +15,7 @@ from sim.effects.effect import Effect, Reading
 from sim.findings.candidates import possible
 from sim.findings.films import PIFilm
 from sim.findings.held_out import errors_in
-from sim.findings.intervals import Interval, intervals
+from sim.findings.intervals import Interval, intervals, is_vague
 from sim.findings.search import Search, explains_most, left_over
 from sim.inference.joint import Fit
 from sim.model.recorded import Mask
@@ -109,7 +109,14 @@ class Diagnosis:
         }
 
 
-def result(base: Fit, fit: Fit, search: Search, held: Mask, say: Callable[[str], None] = lambda text: None) -> Diagnosis:
+def result(
+    base: Fit,
+    fit: Fit,
+    search: Search,
+    held: Mask,
+    warnings: Sequence[str] = (),
+    say: Callable[[str], None] = lambda text: None,
+) -> Diagnosis:
     """The diagnosis of a selected set. held: rows for the errors that are reported."""
     left = left_over(fit)
     reasons: dict[str, str] = {}
@@ -117,6 +124,10 @@ def result(base: Fit, fit: Fit, search: Search, held: Mask, say: Callable[[str],
     for name, without in less.items():
         if left and not explains_most(fit, without):
             reasons[name] = "more is left over than this effect explains"
+    for name, own in intervals(fit).items():
+        value, interval = next(((v, ci) for v, ci in own.values() if ci is not None), (0.0, None))
+        if is_vague(interval, value):
+            reasons.setdefault(name, "likely, but the record does not fix its size")
     findings = _findings(fit, less, reasons, search, held, say)
     bare = errors_in(base, held)
     whole = errors_in(fit, held)
@@ -133,7 +144,7 @@ def result(base: Fit, fit: Fit, search: Search, held: Mask, say: Callable[[str],
     kind = None
     if fit.joint.film is not None:
         kind = {"kind": "extended_generalized_pi" if isinstance(fit.joint.film, PIFilm) else "preisach"}
-    return Diagnosis(verdict, findings, channels, unexplained, reasons, kind, fit, base)
+    return Diagnosis(verdict, findings, channels, unexplained, reasons, kind, fit, base, warnings)
 
 
 def _findings(

@@ -110,7 +110,7 @@ class Search:
         """The two ends of what the discrepancy may be: as estimated, and none, as if one effect explained it all. A
         slow discrepancy hides a slow effect from the first."""
         channels = fit.metric.channels[not fit.metric.simulated :]
-        large = any(channel.noise.slow > channel.noise.white for channel in channels)
+        large = any(c.noise.slow > c.noise.white and not c.of_instrument for c in channels)
         return [fit.metric, fit.metric.without_slow()] if large else [fit.metric]
 
     def fitted(self, fit: Fit, start: Start, metric: Metric) -> Fit:
@@ -125,7 +125,7 @@ class Search:
             return None
         found = first.joint.fit(first.at.x, first.metric, first.at.own if first.at.own.size else None)
         found = max(found, first, key=lambda f: f.log_likelihood)
-        if any(c.noise.slow > c.noise.white for c in found.metric.channels[not found.metric.simulated :]):
+        if self.metrics(found)[1:]:
             # a large discrepancy stands in for parameters that are off, and keeps them there
             tight = found.metric.tight()
             again = first.joint.fit(found.at.x, tight, found.at.own if found.at.own.size else None)
@@ -152,7 +152,7 @@ class Search:
         if less.metric.output is None or more.metric.output is None:
             return total
         ratio = more.metric.output.noise.ratio
-        if ratio <= LEFT_SHARE**2:
+        if ratio <= LEFT_SHARE**2 or more.metric.output.of_instrument:
             return total
         share = ratio / (1.0 + ratio)
         of_film = (more.metric.output.log_scale - 0.5 * more.at.white_dec @ more.at.white_dec) - (
@@ -249,7 +249,8 @@ def left_over(fit: Fit) -> dict[str, float]:
         if noise.slow <= own:
             continue
         white = channel.without_slow().whitening.log_likelihood(residual)
-        if channel.whitening.log_likelihood(residual) - white > price(2, residual.size):
+        significant = channel.whitening.log_likelihood(residual) - white > price(2, residual.size)
+        if significant and not channel.of_instrument:
             found[name] = noise.slow / noise.white
     return found
 

@@ -13,9 +13,9 @@ from compensator.thermal.plate import RESISTANCE_SLOPE_PRIOR_PER_K, SEEBECK_SLOP
 from sim.findings.films import PIFilm, PreisachFilm, curve_over
 from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, Point, TwoChannels
 from sim.inference.noise import Noise, Readings
-from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH, beginnings
+from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH, beginnings, through_gaps
 from sim.inference.plate.starts import Stretch, rough_balances
-from sim.model.record_own import FilmStart
+from sim.model.record_own import FilmStart, RecordOwn, longest_gaps
 
 SHARES: Final = (0.0, 0.5, 1.0)  # of the loop's width that the envelopes' centres are apart: the radii give the rest
 STEEPER: Final = (0.7, 1.0, 1.5)  # envelopes than the branches that they make
@@ -164,14 +164,23 @@ def base_fit(record: TwoChannels, kind: Kind = "peltier") -> Fit:
 def remembering(joint: Joint, at: Point, metric: Metric) -> tuple[Joint, Point]:
     """The likelihood and point with the film's memory at the first row that suits best, of those that a film has which
     was saturated and turned round at most once; the same if none is clearly better."""
-    assert joint.film is not None
-    best = joint, at
-    least = joint.solve(at.x, metric, at.own).cost - WORTH
-    for start in beginnings(at.run.path, 0.0, joint.film.start):
-        other = joint.having(joint.effects, joint.film.starting_with(start))
-        found = other.solve(at.x, metric, at.own)
-        if found.cost < least:
-            best, least = (other, found), found.cost
+    film, record = joint.film, joint.record
+    assert film is not None
+
+    def begun(start: FilmStart) -> tuple[Joint, Point]:
+        other = joint.having(joint.effects, film.starting_with(start))
+        return other, other.solve(at.x, metric, at.own)
+
+    best, least = (joint, at), joint.solve(at.x, metric, at.own).cost - WORTH
+    for start in beginnings(at.run.path, 0.0, film.start):
+        found = begun(start)
+        if found[1].cost < least:
+            best, least = found, found[1].cost
+    if longest_gaps(record).size:
+        own = RecordOwn(0.0, np.empty(0), film=best[0].film.start if best[0].film else film.start)
+        passed = through_gaps(own, at.run.path, record, lambda other: begun(other.film)[1].cost)
+        if passed.film != own.film:
+            best = begun(passed.film)
     return best
 
 

@@ -23,6 +23,7 @@ from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr
@@ -62,6 +63,11 @@ STEPS: Final = 12  # of a descent: from a near start 4 to 6 are taken
 ROUNDS: Final = 3  # of fit and noise in turn
 BESIDE: Final = 10.0  # how far beyond its typical range an effect's size may go in a fit, as a factor
 DAMPING: Final = Damping(1e-3, 0.2, 8.0, 1e-7, 1e-4, 6)
+BRIEF: Final = 5.0  # steps: colour that a filter makes lasts no longer
+FLICKER: Final = 3.0  # white noises: 1/f noise over an hour's record is no larger
+LONG_REST: Final = 5.0  # correlation times within which nothing moves at rest, and a mean is taken off
+ENOUGH_REST: Final = 10.0  # the same in all: a variance is then known to a half
+ALIKE: Final = 0.5  # of the mean square in motion: at rest it is as large, but for chance
 ROUNDED: Final = 0.5  # of a noise: a step of readings that is larger is seen in their likelihood
 LOG_SHARE: Final = (-4.0, 1.0)  # bounds of ln(noise / step): below a fiftieth of a step no noise is seen
 LEAST_KNOWN: Final = 1e-6  # of a reading's information: it is divided by
@@ -125,6 +131,10 @@ class FilmForm(Protocol):
         """How many coefficients, the first ones, may have either sign."""
         ...
 
+    def starting_with(self, start: FilmStart) -> FilmForm:
+        """The same with another memory at the first row and through gaps."""
+        ...
+
     def columns(self, values: Array, nodes: FilmNodes) -> Array:
         """Of the film's own output at the points, (points, columns); those beyond `free` are its hysteretic part."""
         ...
@@ -132,10 +142,12 @@ class FilmForm(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ChannelNoise:
-    """The noise of one channel's used readings, and the map that makes it white."""
+    """The noise of one channel's used readings, and the map that makes it white. of_instrument: its slow part is the
+    colour of the instrument's noise, and no discrepancy of the model."""
 
     noise: Noise
     readings: Readings
+    of_instrument: bool = False
 
     @cached_property
     def whitening(self) -> Whitening:
@@ -147,7 +159,9 @@ class ChannelNoise:
         return self.whitening.log_likelihood(np.zeros(self.readings.time_s.size))
 
     def without_slow(self) -> ChannelNoise:
-        """The same size of noise, all of it white."""
+        """The same size of noise, all of it white but for the instrument's colour."""
+        if self.of_instrument:
+            return self
         return ChannelNoise(Noise(math.hypot(self.noise.white, self.noise.slow)), self.readings)
 
 
@@ -168,7 +182,7 @@ class Metric:
         """The metric of the white noise alone, where the discrepancy is larger: the least error of the simulation."""
         channels = [
             channel
-            if channel is None or channel.noise.slow <= channel.noise.white
+            if channel is None or channel.of_instrument or channel.noise.slow <= channel.noise.white
             else ChannelNoise(Noise(channel.noise.white), channel.readings)
             for channel in (self.temperature, self.output)
         ]
@@ -444,7 +458,7 @@ class Joint:
     def _driving(self, plate: PlatePath, shown: Array, metric: Metric) -> PlatePath:
         """The plate's path with the smoothed discrepancy of the thermometer."""
         channel = metric.temperature
-        if channel.noise.slow == 0.0 or self.film is None or not self.driven:
+        if channel.noise.slow == 0.0 or channel.of_instrument or self.film is None or not self.driven:
             return plate
         residual = self.degC - shown[self.rows_K]
         if not np.all(np.isfinite(residual)):
@@ -643,10 +657,12 @@ class Joint:
         else:
             least = max(LEAST_NOISE_K, step / math.sqrt(12.0))
             temperature = _estimated(at.residual_K, readings, np.zeros(at.residual_K.size), least, most[0])
+            temperature = _of_instrument(at.residual_K, temperature, at.run.shown_degC[self.rows_K])
         if self.film is None or before.output is None:
             return before.of(temperature, None)
         error = np.hypot(self.path_error(at, temperature), self._range_error(at, before.output.noise.white))
         output = _estimated(at.residual_dec, before.output.readings, error, LEAST_NOISE_DEC, most[1])
+        output = _of_instrument(at.residual_dec, output, at.shown_dec[self.rows_dec])
         return before.of(temperature, output)
 
     def _range_error(self, at: Point, white: float) -> Array:
@@ -660,7 +676,7 @@ class Joint:
 
     def path_error(self, at: Point, temperature: ChannelNoise) -> Array:
         """Deviation of y by the error of the film's path, (used readings,), decades."""
-        if temperature.noise.slow == 0.0:
+        if temperature.noise.slow == 0.0 or temperature.of_instrument:
             return np.zeros(self.rows_dec.size)
         _, deviation = discrepancy(at.residual_K, temperature.noise, temperature.readings)
         error_K = np.interp(self.record.time_s[self.rows_dec], temperature.readings.time_s, deviation)
@@ -752,3 +768,22 @@ def _estimated(
         if settled and not np.any(more):
             break
     return ChannelNoise(noise, readings)
+
+
+def _of_instrument(residual: Array, channel: ChannelNoise, shown: Array) -> ChannelNoise:
+    """The noise, its slow part taken for the instrument's where it is there at rest as in motion: what a model lacks
+    goes with what the rig does. It lasts a few readings, as a filter makes it, or is about as large as the white noise,
+    as flicker is. shown: of the used readings, without noise."""
+    noise, time = channel.noise, channel.readings.time_s
+    brief = noise.tau_s < BRIEF * channel.readings.step_s()
+    if noise.slow == 0.0 or not (brief or noise.slow < FLICKER * noise.white):
+        return channel
+    mean, _ = discrepancy(residual, noise, channel.readings)
+    width = max(round(LONG_REST * noise.tau_s / channel.readings.step_s()), 2)
+    moved = maximum_filter1d(shown, width) - minimum_filter1d(shown, width)
+    rests = moved < math.hypot(noise.white, noise.slow)
+    if np.sum(rests) * channel.readings.step_s() < ENOUGH_REST * noise.tau_s:
+        return channel
+    quick = mean - uniform_filter1d(mean, width)  # at rest a film or plate that is off stands still
+    in_motion = quick[~rests] if not np.all(rests) else quick
+    return replace(channel, of_instrument=bool(np.mean(quick[rests] ** 2) > ALIKE * np.mean(in_motion**2)))

@@ -178,7 +178,7 @@ def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: Pl
         return 0.5 * float(np.sum(residual(of) ** 2))
 
     own = _remembered(own, path, float(record.time_s[0]), cost)
-    own = _through_gaps(own, path, record, cost)
+    own = through_gaps(own, path, record, cost)
     names = [e.name for e in (*chain.links.film_lags, *chain.links.hysteretic_part, *chain.links.meter_lags)]
     if not names:
         return own
@@ -207,7 +207,7 @@ def _remembered(own: RecordOwn, path: PlatePath, begin_s: float, cost: Callable[
     return best
 
 
-def _through_gaps(own: RecordOwn, path: PlatePath, record: Recorded, cost: Callable[[RecordOwn], float]) -> RecordOwn:
+def through_gaps(own: RecordOwn, path: PlatePath, record: Recorded, cost: Callable[[RecordOwn], float]) -> RecordOwn:
     """With what the film went through in each long gap, straight from one end to the other if nothing is clearly
     better."""
     first = record.first_rows[1:]
