@@ -18,7 +18,6 @@ from sim.findings.starts import base_fit
 from sim.inference.joint import Fit, TwoChannels
 from sim.model.recorded import Mask
 
-
 SURE: Final = 4.0  # standard deviations from nothing: a drive that moves a plate is hundreds of them away
 STILL: Final = "current_A: this drive does not move this temperature; no effect on driver or plate can be named"
 
@@ -49,7 +48,8 @@ def selected(
     """Select the effects of a record. effects: those that are possible; None: the catalogue."""
     with threadpool_limits(limits=1):
         known = list(catalogue().values()) if effects is None else effects
-        base, warnings = base_fit(record, kind), ()
+        base = base_fit(record, kind)
+        warnings: tuple[str, ...] = ()
         if base.joint.driven and not drive_moves(base):
             known = [effect for effect in known if effect.link not in ("driver", "plate")]
             warnings = (STILL,)

@@ -145,8 +145,12 @@ class PreisachFilm:
     def only(self, active: NDArray[np.bool_]) -> PreisachFilm:
         """The same with some of the columns."""
         steps = active[self.free :]
-        chosen = {"centre_degC": self.centre_degC[steps], "half_width_K": self.half_width_K[steps]}
-        return replace(self, **chosen, of_all=self.of_all or self)
+        return replace(
+            self,
+            centre_degC=self.centre_degC[steps],
+            half_width_K=self.half_width_K[steps],
+            of_all=self.of_all or self,
+        )
 
     def starting_with(self, start: FilmStart) -> PreisachFilm:
         """The same with another memory at the first row."""

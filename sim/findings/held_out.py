@@ -55,7 +55,7 @@ def without_rows(fit: Fit, held: Mask) -> Fit:
     )
     if not metric.simulated:
         metric = replace(metric, temperature=ChannelNoise(fit.metric.temperature.noise, at_K))
-    own = fit.at.own if fit.at.own.size else None
+    own = fit.at.known_own
     at = joint.descend(joint.solve(fit.at.x, metric, own), metric, HELD_STEPS)
     return Fit(joint, at, metric, joint.log_likelihood(at, metric))
 

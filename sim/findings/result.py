@@ -135,7 +135,9 @@ def result(
     for (channel, key), noise in zip(KEYS.items(), fit.metric.channels, strict=False):
         if key in whole and key in bare:
             after = whole[key][np.isfinite(whole[key])]
-            white = math.hypot(noise.noise.white, fit.joint.record.step_K / math.sqrt(12.0) * (channel == "temperature"))
+            rounding = fit.joint.record.step_K / math.sqrt(12.0) if channel == "temperature" else 0.0
+            size = noise.noise.slow if noise.of_instrument else 0.0
+            white = math.hypot(noise.noise.white, rounding, size)
             before = bare[key][np.isfinite(bare[key])]
             channels[key] = Channel(white, _rms(before), _rms(after), int(after.size))
     unexplained = {key: _in_words(left.get(name), fit, name) for name, key in KEYS.items()}
@@ -189,12 +191,13 @@ def _chance(effect: Effect, evidence: float, search: Search) -> float:
 def confounders(fit: Fit, effect: Effect, search: Search) -> list[str]:
     """Effects that do as well in the place of a named one, of all sets that were fitted."""
     names = frozenset(e.name for e in fit.effects)
-    rest, found = names - {effect.name}, []
+    rest = names - {effect.name}
+    found: list[str] = []
     for key, other in search.table.items():
         new = key - rest
-        if len(key) == len(names) and rest < key | {""} and len(new) == 1 and key != names and rest <= key:
-            if search.value(other) > search.value(fit) - CLOSE:
-                found.extend(new)
+        in_its_place = key != names and rest <= key and len(new) == 1
+        if in_its_place and search.value(other) > search.value(fit) - CLOSE:
+            found.extend(new)
     return sorted(found)
 
 

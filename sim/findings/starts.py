@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Final
@@ -9,10 +10,10 @@ from typing import Final
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.thermal.plate import RESISTANCE_SLOPE_PRIOR_PER_K, SEEBECK_SLOPE_PRIOR_PER_K, Kind
+from compensator.thermal.plate import Kind
 from sim.findings.films import PIFilm, PreisachFilm, curve_over
 from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, Point, TwoChannels
-from sim.inference.noise import Noise, Readings
+from sim.inference.noise import Noise, discrepancy
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH, beginnings, through_gaps
 from sim.inference.plate.starts import Stretch, rough_balances
 from sim.model.record_own import FilmStart, RecordOwn, longest_gaps
@@ -72,7 +73,7 @@ def settled(joint: Joint, x: Array, metric: Metric, own: Array | None = None) ->
         if output is not None:
             left = float(np.sqrt(np.mean(at.residual_dec**2)))
             output = ChannelNoise(Noise(max(left, LEAST_NOISE_DEC)), output.readings)
-        metric, x, own = metric.of(white, output), at.x, at.own if at.own.size else None
+        metric, x, own = metric.of(white, output), at.x, at.known_own
     most = size, (left if output is not None else math.inf)
     return joint.fit(x, joint.noise(at, metric, most), own, most=most)
 
@@ -80,7 +81,7 @@ def settled(joint: Joint, x: Array, metric: Metric, own: Array | None = None) ->
 def _stretches(record: TwoChannels) -> list[Stretch]:
     assert record.current_A is not None
     edges = [*record.first_rows.tolist(), record.time_s.size]
-    parts = [slice(first, last) for first, last in zip(edges, edges[1:], strict=False)]
+    parts = [slice(first, last) for first, last in itertools.pairwise(edges)]
     return [
         Stretch(record.time_s[p], record.current_A[p], record.temperature_degC[p], record.temperature_used[p])
         for p in parts
@@ -127,7 +128,8 @@ def with_preisach_film(fit: Fit) -> Fit:
     """The fit with a Preisach film in place of its own, and without its effects on the film and its ohmmeter, which may
     have stood in for the film."""
     record, old = fit.joint.record, fit.joint.film
-    assert isinstance(old, PIFilm) and fit.metric.output is not None
+    assert isinstance(old, PIFilm)
+    assert fit.metric.output is not None
     degC = _smooth_path(fit)
     centres, slope = branches(record, degC)
     film = PreisachFilm.over(old, 0.5 * sum(centres), SPREAD / slope, max(centres[0] - centres[1], 0.0))
@@ -211,12 +213,12 @@ def _with_film(fit: Fit) -> Fit:
         output = fit.metric.output.without_slow() if fit.metric.output else first_metric(joint).output
         metric = replace(fit.metric, output=output)
         x = np.where(joint.is_film, joint.start(), joint.from_other(fit.joint, fit.at.x))
-        own = fit.at.own if fit.at.own.size else None
+        own = fit.at.known_own
         at = joint.solve(x, metric, own)
         tried.append((at.cost, joint, x, metric))
     fits: list[Fit] = []
     for _, joint, x, metric in sorted(tried, key=lambda entry: entry[0])[:TRIED]:
-        own = fit.at.own if fit.at.own.size else None
+        own = fit.at.known_own
         at = joint.descend(joint.solve(x, metric, own), metric, FIRST_STEPS, 1.0)
         fits.append(Fit(joint, at, metric, -at.cost))
     return max(fits, key=lambda f: f.log_likelihood)
@@ -224,8 +226,6 @@ def _with_film(fit: Fit) -> Fit:
 
 def _smooth_path(plate: Fit) -> Array:
     """The temperature in the rows: simulated, with the smoothed discrepancy."""
-    from sim.inference.noise import discrepancy
-
     channel = plate.metric.temperature
     shown = plate.at.run.shown_degC
     if not plate.joint.driven:

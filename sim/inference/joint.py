@@ -23,8 +23,8 @@ from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.linalg import cho_factor, cho_solve
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr
 
@@ -231,6 +231,11 @@ class Point:
     range_of: Array = field(default_factory=lambda: np.empty(0))
     shown_dec: Array = field(default_factory=lambda: np.empty(0))
 
+    @property
+    def known_own(self) -> Array | None:
+        """The film's own output in the rows, None without a film."""
+        return self.own if self.own.size else None
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -289,7 +294,8 @@ class Joint:
         own = [name.startswith(OWN) or ".first_K." in name for name in self.names]
         self.moves = np.array(own) if coefficients is not None else np.ones(len(self.names), dtype=np.bool_)
         self._nodes: tuple[tuple[float, ...], Nodes] | None = None
-        self._film_places = slice(self.place[film.unknowns[0].name], None) if film and film.unknowns else slice(len(self.unknowns), None)
+        first = self.place[film.unknowns[0].name] if film and film.unknowns else len(self.unknowns)
+        self._first_of_film = first
 
     def having(self, effects: Sequence[Effect], film: FilmForm | None = None) -> Joint:
         """The likelihood of the same record with other effects, and maybe another form of film."""
@@ -304,7 +310,6 @@ class Joint:
     def _layout(self) -> list[Unknown]:
         out: list[Unknown] = []
         if self.driven:
-            rate, wide = (1e-7, 100.0), 10.0
             if self.kind == "peltier":
                 out += [
                     Unknown("s", 1.6e-3, 1e-3 * RELATIVE_STEP, 1e-7, 1.0),
@@ -316,7 +321,7 @@ class Joint:
                 ]  # fmt: skip
             else:
                 out.append(Unknown("q", 0.6, RELATIVE_STEP, 1e-7, 100.0))
-            out.append(Unknown("g", 0.02, 0.02 * RELATIVE_STEP, *rate))
+            out.append(Unknown("g", 0.02, 0.02 * RELATIVE_STEP, 1e-7, 100.0))
             out.append(Unknown("ambient_degC", AMBIENT_DEGC[0], STEP_K, prior=AMBIENT_DEGC))
             out += [Unknown(f"input.{name}", 0.0, 1e-4) for name in self.record.inputs.names]
             out += [
@@ -354,7 +359,7 @@ class Joint:
     @cached_property
     def is_film(self) -> Mask:
         """Which of the parameters are the film's."""
-        return np.arange(len(self.unknowns)) >= self._film_places.start
+        return np.arange(len(self.unknowns)) >= self._first_of_film
 
     def start(self) -> Array:
         """The parameters' own starts."""
@@ -407,8 +412,8 @@ class Joint:
         bodies = np.full((count, len(links.plate)), np.nan)
         bodies[0] = numbers[AMBIENT]
         for j, e in enumerate(links.plate):
-            if (at := self.place.get(f"{e.name}.first_K.0")) is not None:
-                bodies[:, j] = numbers[AMBIENT] + rooms + x[at : at + count]
+            if (first_K := self.place.get(f"{e.name}.first_K.0")) is not None:
+                bodies[:, j] = numbers[AMBIENT] + rooms + x[first_K : first_K + count]
         late = np.zeros((count, len(links.thermometer)))
         inputs: Inputs = record.inputs
         heats = np.array([x[self.place[f"input.{name}"]] for name in inputs.names])
@@ -444,7 +449,7 @@ class Joint:
             output = own if own is not None else self.measured
             power = MeterPower(meter, output)
         nodes = film_nodes(self.record, path, links, [0.0] * len(links.film_lags), power, self.film.start)
-        columns = self.film.columns(x[self._film_places], nodes)
+        columns = self.film.columns(x[self._first_of_film :], nodes)
         free = self.film.free
         for e in links.hysteretic_part:
             columns[:, free:] = columns_followed(e, nodes.points_s, columns[:, free:])
@@ -501,7 +506,10 @@ class Joint:
 
     def _solve_film(self, point: Point, metric: Metric, own: Array) -> Point:
         run, film, output = point.run, self.film, metric.output
-        assert film is not None and output is not None and run.nodes is not None and run.columns is not None
+        assert film is not None
+        assert output is not None
+        assert run.nodes is not None
+        assert run.columns is not None
         signal = run.nodes.at_points(own)
         range_of = before_ranges(run.links, run.nodes, signal) if run.links.readings else None
         meter = Ohmmeter(run.links, run.nodes, signal)
@@ -539,7 +547,7 @@ class Joint:
         """Change of both channels' used readings from a point to other parameters, coefficients held, whitened,
         (readings of both,). joint: of another set of effects, whose parameters x are."""
         joint = joint or self
-        run = joint.simulate(x, metric, at.own if at.own.size else None, None if thermal else at.run)
+        run = joint.simulate(x, metric, at.known_own, None if thermal else at.run)
         change = run.shown_degC - at.run.shown_degC
         white = metric.temperature.whitening.of(change[self.rows_K]) * np.sqrt(at.known_K)
         if self.film is None:
@@ -638,13 +646,14 @@ class Joint:
             scale = np.maximum(np.diag(normal), 1e-12 * float(np.max(np.diag(normal), initial=0.0)) + 1e-300)
 
             def moved(move: Array) -> Point:
-                return self.solve(np.clip(here.x + move, self.low, self.high), metric, here.own if here.own.size else None)
+                return self.solve(np.clip(here.x + move, self.low, self.high), metric, here.known_own)
 
             return Linearized(normal, gradient, scale, moved)
 
-        return descend(
-            at, steps, lambda p: p.cost, linearized, lambda before, after: before - after < settled, DAMPING, 0.1 * settled
-        )
+        def last(before: float, after: float) -> bool:
+            return before - after < settled
+
+        return descend(at, steps, lambda point: point.cost, linearized, last, DAMPING, 0.1 * settled)
 
     def noise(self, at: Point, before: Metric, most: tuple[float, float] = (math.inf, math.inf)) -> Metric:
         """The likeliest noise for a point's residuals. before: for the weights of readings far out; most: the largest
@@ -669,7 +678,8 @@ class Joint:
         """What a reading may be off by because it is not known which range the ohmmeter was on, (used readings,)."""
         if not at.range_of.size:
             return np.zeros(self.rows_dec.size)
-        assert at.run.nodes is not None and at.run.columns is not None
+        assert at.run.nodes is not None
+        assert at.run.columns is not None
         signal, reach = at.run.columns @ at.coefficients, RANGES * white
         ends = [self._shown(at.run, signal, at.range_of + side)[self.rows_dec] for side in (reach, -reach)]
         return np.abs(ends[0] - ends[1])
@@ -707,7 +717,7 @@ class Joint:
             if not math.isfinite(at.cost):
                 break
             metric = self.noise(at, metric, most)
-            at = self.solve(at.x, metric, at.own if at.own.size else None)
+            at = self.solve(at.x, metric, at.known_own)
             fit = Fit(self, at, metric, self.log_likelihood(at, metric))
             last = best is not None and fit.log_likelihood < best.log_likelihood + 0.3
             if best is None or fit.log_likelihood > best.log_likelihood:
@@ -753,9 +763,7 @@ def _both(size: float) -> tuple[float, float]:
     return -size, size
 
 
-def _estimated(
-    residual: Array, readings: Readings, error: Array, least: float, most: float
-) -> ChannelNoise:
+def _estimated(residual: Array, readings: Readings, error: Array, least: float, most: float) -> ChannelNoise:
     """Noise of a residual with readings far out weighing less. error: what each reading is off by besides."""
     far = np.ones(residual.size)
     noise = Noise(max(float(np.sqrt(np.mean(residual**2))), least))
@@ -774,7 +782,7 @@ def _of_instrument(residual: Array, channel: ChannelNoise, shown: Array) -> Chan
     """The noise, its slow part taken for the instrument's where it is there at rest as in motion: what a model lacks
     goes with what the rig does. It lasts a few readings, as a filter makes it, or is about as large as the white noise,
     as flicker is. shown: of the used readings, without noise."""
-    noise, time = channel.noise, channel.readings.time_s
+    noise = channel.noise
     brief = noise.tau_s < BRIEF * channel.readings.step_s()
     if noise.slow == 0.0 or not (brief or noise.slow < FLICKER * noise.white):
         return channel
