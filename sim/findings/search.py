@@ -176,15 +176,22 @@ class Search:
                     left = "output" in left_over(better)
             if left and films < MOST_FILMS:  # a film of another kind, without the effects that may stand in for it
                 films += 1
-                other = with_preisach_film(fit)
-                self.say(f"    Preisach film: {described(other)}")
+                other = self.of_another_kind(better or fit)
                 if self.worth_of_film(other) > self.worth_of_film(better or fit):
-                    better = self.renewed(other)
+                    better = self.pruned(self.renewed(other))
             if better is None:
                 break
             fit = better
             self.say(described(fit))
         return self.exchanged(fit)
+
+    def of_another_kind(self, fit: Fit) -> Fit:
+        """The likelier fit with a Preisach film: with all effects, or without those that may stand in for the film."""
+        sets = [fit.effects, tuple(e for e in fit.effects if e.before_film)]
+        fits = [with_preisach_film(fit, effects) for effects in dict.fromkeys(sets)]
+        for other in fits:
+            self.say(f"    Preisach film: {described(other)}")
+        return max(fits, key=self.worth_of_film)
 
     def renewed(self, fit: Fit) -> Fit:
         """The fit of another film; what was known with the one before is forgotten."""
@@ -193,7 +200,7 @@ class Search:
 
     def pruned(self, fit: Fit) -> Fit:
         """The fit without effects that are no longer worth their price."""
-        while len(fit.effects) > 1:
+        while fit.effects:
             less = [(self.dropped(fit, e.name), e) for e in fit.effects]
             weakest, effect = min(less, key=lambda pair: self.gain(fit, pair[0]) - self.cost_of(fit, [pair[1]]))
             if self.gain(fit, weakest) >= self.cost_of(fit, [effect]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import Kind
+from sim.effects.effect import Effect
 from sim.findings.films import PIFilm, PreisachFilm, curve_over
 from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, Point, TwoChannels
 from sim.inference.noise import Noise, discrepancy
@@ -124,16 +126,14 @@ def film_starts(record: TwoChannels, degC: Array) -> list[PIFilm]:
     return out
 
 
-def with_preisach_film(fit: Fit) -> Fit:
-    """The fit with a Preisach film in place of its own, and without its effects on the film and its ohmmeter, which may
-    have stood in for the film."""
+def with_preisach_film(fit: Fit, effects: Sequence[Effect]) -> Fit:
+    """The fit with a Preisach film in place of its own, and some of its effects."""
     record, old = fit.joint.record, fit.joint.film
     assert isinstance(old, PIFilm)
     assert fit.metric.output is not None
     degC = _smooth_path(fit)
     centres, slope = branches(record, degC)
     film = PreisachFilm.over(old, 0.5 * sum(centres), SPREAD / slope, max(centres[0] - centres[1], 0.0))
-    effects = [e for e in fit.effects if e.before_film]
     joint = fit.joint.having(effects, film)
     x = joint.from_other(fit.joint, fit.at.x)
     metric = replace(fit.metric, output=fit.metric.output.without_slow())
