@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -38,14 +39,29 @@ class Selected:
     search: Search
     warnings: tuple[str, ...] = ()
 
+    def value(self) -> float:
+        """Log-likelihood less the price of the effects, and of the parameters that this kind of plate has."""
+        joint = self.fit.joint
+        return self.search.value(self.fit) - 0.5 * len(joint.unknowns) * math.log(joint.rows_K.size)
+
 
 def selected(
     record: TwoChannels,
     effects: Sequence[Effect] | None = None,
-    kind: Kind = "peltier",
+    kinds: Sequence[Kind] = ("peltier",),
     say: Callable[[str], None] = lambda text: None,
 ) -> Selected:
-    """Select the effects of a record. effects: those that are possible; None: the catalogue."""
+    """Select the effects of a record. effects: those that are possible; None: the catalogue. kinds: of plate that are
+    possible; the likelier one is taken. Raises ValueError for a
+    record of a temperature alone."""
+    if record.current_A is None and record.output is None:
+        raise ValueError("record: neither current_A nor a film's output; expected at least one of them")
+    found = [_of_kind(record, effects, kind, say) for kind in (kinds if record.current_A is not None else kinds[:1])]
+    return max(found, key=Selected.value)
+
+
+def _of_kind(record: TwoChannels, effects: Sequence[Effect] | None, kind: Kind, say: Callable[[str], None]) -> Selected:
+    """The selection with one kind of plate."""
     with threadpool_limits(limits=1):
         known = list(catalogue().values()) if effects is None else effects
         base = base_fit(record, kind)
@@ -61,10 +77,10 @@ def diagnosed(
     record: TwoChannels,
     held: Mask,
     effects: Sequence[Effect] | None = None,
-    kind: Kind = "peltier",
+    kinds: Sequence[Kind] = ("peltier",),
     say: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
     """Diagnose a record. held: rows in which errors are reported, from fits that have not seen them."""
-    found = selected(record, effects, kind, say)
+    found = selected(record, effects, kinds, say)
     with threadpool_limits(limits=1):
         return result(found.base, found.fit, found.search, held, found.warnings, say)

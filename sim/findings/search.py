@@ -117,18 +117,18 @@ class Search:
         """A first fit with a start's effect: one round."""
         joint = fit.joint.having((*fit.effects, start.effect))
         x = joint.with_effect(joint.from_other(fit.joint, fit.at.x), start.effect, start.values)
-        return joint.fit(x, metric, fit.at.known_own, rounds=1, steps=FIRST_STEPS, settled=1.0)
+        return joint.fit(x, metric, fit.at.known_own, rounds=1, most=fit.most, steps=FIRST_STEPS, settled=1.0)
 
     def finished(self, first: Fit) -> Fit | None:
         """The fit of a set to its end; None where the last effect's size has no physical meaning."""
         if not math.isfinite(first.log_likelihood):
             return None
-        found = first.joint.fit(first.at.x, first.metric, first.at.known_own)
+        found = first.joint.fit(first.at.x, first.metric, first.at.known_own, most=first.most)
         found = max(found, first, key=lambda f: f.log_likelihood)
         if self.metrics(found)[1:]:
             # a large discrepancy stands in for parameters that are off, and keeps them there
             tight = found.metric.tight()
-            again = first.joint.fit(found.at.x, tight, found.at.known_own)
+            again = first.joint.fit(found.at.x, tight, found.at.known_own, most=first.most)
             found = max(found, again, key=lambda f: f.log_likelihood)
         values = found.values()[found.effects[-1].name]
         return self.keep(found) if is_sizeable(found.effects[-1], list(values.values())) else None
@@ -136,7 +136,8 @@ class Search:
     def dropped(self, fit: Fit, name: str) -> Fit:
         """The fit without one of its effects."""
         joint = fit.joint.having([e for e in fit.effects if e.name != name])
-        return self.keep(joint.fit(joint.from_other(fit.joint, fit.at.x), fit.metric, fit.at.known_own))
+        x = joint.from_other(fit.joint, fit.at.x)
+        return self.keep(joint.fit(x, fit.metric, fit.at.known_own, most=fit.most))
 
     def without(self, fit: Fit, name: str) -> Fit:
         """The best known fit without one of the effects."""

@@ -137,7 +137,7 @@ def with_preisach_film(fit: Fit, effects: Sequence[Effect]) -> Fit:
     joint = fit.joint.having(effects, film)
     x = joint.from_other(fit.joint, fit.at.x)
     metric = replace(fit.metric, output=fit.metric.output.without_slow())
-    return thinned(joint.fit(x, metric, fit.at.own, rounds=1, steps=0))
+    return thinned(joint.fit(x, metric, fit.at.own, rounds=1, most=fit.most, steps=0))
 
 
 def thinned(fit: Fit) -> Fit:
@@ -149,7 +149,7 @@ def thinned(fit: Fit) -> Fit:
     of_all = every.film
     assert isinstance(of_all, PreisachFilm)
     joint = fit.joint.having(fit.effects, of_all.only(at.active))
-    return joint.fit(at.x, fit.metric, at.own)
+    return joint.fit(at.x, fit.metric, at.own, most=fit.most)
 
 
 def base_fit(record: TwoChannels, kind: Kind = "peltier") -> Fit:
@@ -193,7 +193,7 @@ def remembered(fit: Fit) -> Fit:
     if fit.joint.film is None:
         return fit
     joint, at = remembering(fit.joint, fit.at, fit.metric)
-    return fit if joint is fit.joint else joint.fit(at.x, fit.metric, at.own)
+    return fit if joint is fit.joint else joint.fit(at.x, fit.metric, at.own, most=fit.most)
 
 
 def restarted(fit: Fit) -> Fit:
@@ -201,7 +201,7 @@ def restarted(fit: Fit) -> Fit:
     found = _with_film(fit)
     metric = replace(fit.metric, output=found.metric.output)
     joint, at = remembering(found.joint, found.at, metric)
-    return max(fit, remembered(joint.fit(at.x, metric, at.own)), key=lambda f: f.log_likelihood)
+    return max(fit, remembered(joint.fit(at.x, metric, at.own, most=fit.most)), key=lambda f: f.log_likelihood)
 
 
 def _with_film(fit: Fit) -> Fit:

@@ -239,12 +239,14 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A set of effects fitted: the point, its noise and log-likelihood (priors of the parameters included)."""
+    """A set of effects fitted: the point, its noise and log-likelihood (priors of the parameters
+    included). most: how large the discrepancies could be at most."""
 
     joint: Joint
     at: Point
     metric: Metric
     log_likelihood: float
+    most: tuple[float, float] = (math.inf, math.inf)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -718,7 +720,7 @@ class Joint:
                 break
             metric = self.noise(at, metric, most)
             at = self.solve(at.x, metric, at.known_own)
-            fit = Fit(self, at, metric, self.log_likelihood(at, metric))
+            fit = Fit(self, at, metric, self.log_likelihood(at, metric), most)
             last = best is not None and fit.log_likelihood < best.log_likelihood + 0.3
             if best is None or fit.log_likelihood > best.log_likelihood:
                 best = fit
