@@ -446,7 +446,8 @@ class CommandQueue:
     def state(self) -> dict[str, Any]:
         """Return the bench at this moment (docs/bench_api.md)."""
         limits, latch = self.file.content.limits, self.latch_store.reported
-        word = latch.state if latch is not None else "running" if self.queue.running is not None else "idle"
+        job = self.queue.running  # once: it may end meanwhile, and the word and the job have to agree
+        word = latch.state if latch is not None else "running" if job is not None else "idle"
         if not self.online:
             word = "offline" if word in ("idle", "running") else word
         waits = self.writer.trouble is not None and self.writer.delay() is not None
@@ -466,7 +467,7 @@ class CommandQueue:
             "output_confirmed_by": self.confirms_off_by if self.output == "off" else None,
             "trip": latch.table() if latch is not None and latch.state != STOPPED else None,
             "stop": latch.table() if latch is not None and latch.state == STOPPED else None,
-            "job": self._job_now(now_s),
+            "job": self._progress(job, now_s) if job is not None else None,
             "last_job": self.queue.last_ended(),
             "queue": len(self.queue),
             "no_job_because": self.no_job_because(),
@@ -484,11 +485,9 @@ class CommandQueue:
             "cycle_age_s": now_s - self.last_cycle_s,
         }
 
-    def _job_now(self, now_s: float) -> dict[str, Any] | None:
+    def _progress(self, job: Job, now_s: float) -> dict[str, Any]:
         """Return the running job with its progress."""
-        job, phase = self.queue.running, self.phase
-        if job is None:
-            return None
+        phase = self.phase
         name, began_s, total_s = phase if phase is not None else ("working", now_s, 0.0)
         done_s = min(now_s - began_s, total_s)
         return {

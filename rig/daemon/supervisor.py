@@ -316,7 +316,7 @@ class _IdleLoop:
                 raise
             except InstrumentError:
                 return
-            commands.note("the output was on although nothing ran: not by this program; it was switched off")
+            commands.note("the output was on although nothing ran: not by this program; it is being switched off")
         confirmed = self._off_by_silence() or self._controller.off()
         self._look_s = None
         if not confirmed and self._dead_man_s > 0.0:

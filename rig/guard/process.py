@@ -66,8 +66,8 @@ def guarded(work: Callable[[Guard], int], *, silence_s: float = SILENCE_S, patie
     silence_s: an armed loop without a cycle for so long is ended. patience_s: for how long opening a port is retried.
     """
     if not hasattr(os, "fork") or threading.current_thread() is not threading.main_thread():
-        text = "no guard process here: if this process dies, only the controller's own dead man switches the output off"
-        print(text, file=sys.stderr)
+        what = "only the controller's own dead man, if it has one, switches the output off"
+        print(f"no guard process here: if this process dies, {what}", file=sys.stderr)
         return work(UNGUARDED)
     sys.stdout.flush()
     sys.stderr.flush()
