@@ -9,9 +9,10 @@ may not name files of this computer. Only on the Unix socket there are also
     GET /daemon          process number, configuration, ports, and the settings of the page, tokens included
     POST /api/jobs {"path": "...", "out": "..."}    files of this computer
 
-A STOP is never refused, whatever its body is. If too many are connected, the connection that has been silent for
-longest is closed, so that there is always room for a STOP. Socket and folder belong to one user (mode 0600): whoever
-may write to the socket may write to the ports as well.
+A STOP is never refused, whatever its headers and its body are. A client that has been running since before an update
+may send a line of JSON, as earlier versions did: a STOP is taken from it, and nothing else. If too many are connected,
+the connection that has been silent for longest is closed, so that there is always room for a STOP. Socket and folder
+belong to one user (mode 0600): whoever may write to the socket may write to the ports as well.
 
 A name belongs to the holder of the lock on NAME.lock beside the socket; nobody else removes that socket, because a
 daemon that starts, or is slow, does not answer either.
@@ -23,6 +24,7 @@ import contextlib
 import math
 import os
 import queue
+import re
 import socket
 import threading
 import time
@@ -46,7 +48,9 @@ from rig.daemon.latch import NotCleared
 
 STOP = "/api/stop"
 FOR = "X-Peltier-For"  # who asks through the page's process
-LONGEST_BODY = 2_000_000  # bytes: a configuration of 1 MB, escaped
+STOP_LINE = re.compile(rb'POST\s+/+api/stop[\s?]|\{.*"do"\s*:\s*"stop"', re.DOTALL)  # today's; a line of JSON
+OTHER_VERSION = "the program is of another version: start it anew"
+LONGEST_BODY, DIGITS = 2_000_000, 10  # bytes: a configuration of 1 MB, escaped; of a length
 MOST_CONNECTIONS = 64
 TRY_AGAIN_S = 0.1  # if no connection can be accepted for want of descriptors
 SEND_S, STATE_EVERY_S = 5.0, 5.0  # a listener takes an event within the one, and gets a state every other
@@ -63,7 +67,7 @@ class Requests:
 
     def __init__(self, commands: CommandQueue) -> None:
         self.commands = commands
-        self._presses: dict[str, Body] = {}  # confirmed presses of STOP, and their answers
+        self._presses: dict[str | None, Body] = {}  # confirmed presses of STOP, and their answers
         self._get: dict[str, Callable[[], Any]] = {
             "/api/state": lambda: commands.state(),
             "/api/jobs": lambda: commands.queue.tables(),
@@ -90,12 +94,13 @@ class Requests:
 
     def _stop(self, body: Body, remote: str | None) -> Body:
         press, by = body.get("press"), remote or body.get("by")
-        if isinstance(press, str) and press in self._presses:
+        press = press[:LONGEST_NAME] if isinstance(press, str) else None  # they are kept
+        if press in self._presses:
             return self._presses[press]  # one press on two ways: the second must not stop what was reset since
         off = self.commands.stop(by if isinstance(by, str) else "somebody")
         answer: Body = {"off": off.confirmed, "confirmed": off.confirmed, "took_s": off.took_s}
         answer["confirmed_by"] = off.confirmed_by
-        if isinstance(press, str) and off.confirmed:
+        if press is not None and off.confirmed:
             self._presses[press] = answer
             while len(self._presses) > PRESSES_KEPT:
                 self._presses.pop(next(iter(self._presses)), None)
@@ -191,6 +196,15 @@ def _text(body: Body, key: str, otherwise: str) -> str:
     return value
 
 
+def _stop_in(line: bytes) -> Body:
+    """Return the object in a client's line of JSON; an empty one if the line is no valid JSON."""
+    try:
+        body = parsed_json(line)
+    except ValueError:
+        return {}
+    return body if isinstance(body, dict) else {}
+
+
 class UnixServer:
     """Takes the name when it is made, and answers from `start` to `close`, a thread for each connection. Raises
     PortHeld if another daemon has the name."""
@@ -277,21 +291,51 @@ class UnixServer:
 class _Connection(BaseHTTPRequestHandler):
     """One connection; its requests one after the other."""
 
-    protocol_version = "HTTP/1.1"
+    protocol_version = default_request_version = "HTTP/1.1"
     server: UnixServer  # type: ignore[assignment]
 
     def do_GET(self) -> None:
         """Answer a request of any method."""
-        path = unquote(urlsplit(self.path).path)
         try:
+            path = unquote(urlsplit(self.path).path)
             body = self._body(path)
             self.server.mark(self.connection, math.inf)
             if (self.command, path) == ("GET", "/api/events"):
                 self._stream()
                 return
-            status, answer = self._answer(path, body)
+            status, answer = self._answer(self.command, path, body, self.headers.get(FOR))
         except Refusal as refusal:
             status, answer = refusal.status, {"faults": refusal.lines}
+        self._send(status, answer)
+
+    do_POST = do_DELETE = do_GET
+
+    def handle_one_request(self) -> None:
+        """Answer a request. An address or a header that raises is the caller's fault: it gets an answer, and the log no
+        traceback."""
+        try:
+            super().handle_one_request()
+        except OSError:  # the caller has gone
+            raise
+        except Exception as error:
+            self.send_error(BAD_REQUEST, f"{type(error).__name__}: {error}")
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """Refuse a request whose head cannot be read, as JSON, and close the connection; a STOP is taken all the same."""
+        self.close_connection = True
+        self.server.mark(self.connection, math.inf)
+        line, former = self.raw_requestline, self.raw_requestline.startswith(b"{")
+        status, answer = int(code), {"faults": [OTHER_VERSION if former else f"request: {message or explain}"]}
+        if STOP_LINE.match(line):
+            status, answer = self._answer("POST", STOP, _stop_in(line) if former else {}, None)
+        if not former:
+            self._send(status, answer)
+            return
+        # an earlier client that waits for events passes over one without a name; then it notices that the stream ends
+        answer = {"ok": status == OK, "status": status, "event": "", "data": {}, **answer}
+        self.wfile.write(encoded(answer) + b"\n")
+
+    def _send(self, status: int, answer: Any) -> None:
         content = encoded(answer)
         self.send_response(status)
         self.send_header("Content-Type", "application/json")
@@ -300,12 +344,10 @@ class _Connection(BaseHTTPRequestHandler):
         self.wfile.write(content)
         self.server.mark(self.connection, time.monotonic())
 
-    do_POST = do_DELETE = do_GET
-
-    def _answer(self, path: str, body: Body) -> tuple[int, Any]:
+    def _answer(self, method: str, path: str, body: Body, remote: str | None) -> tuple[int, Any]:
         """Answer a request; an unexpected error must not take the connection with it. Raises Refusal."""
         try:
-            return self.server.requests.answer(self.command, path, body, self.headers.get(FOR))
+            return self.server.requests.answer(method, path, body, remote)
         except Refusal:
             raise
         except Exception as error:
@@ -314,7 +356,7 @@ class _Connection(BaseHTTPRequestHandler):
     def _body(self, path: str) -> Body:
         """Return the object in the body. Raises Refusal, but not for a STOP: what is wrong in its body is left out."""
         length = self.headers.get("content-length", "0")
-        if not (length.isascii() and length.isdigit() and int(length) <= LONGEST_BODY):
+        if not (length.isascii() and length.isdigit() and len(length) <= DIGITS and int(length) <= LONGEST_BODY):
             self.close_connection = True  # the next request would begin somewhere in this body
             if path != STOP:
                 raise Refusal(TOO_LARGE, [f"body: expected at most {LONGEST_BODY} bytes"])

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
+import json
 import os
+import socket
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -66,3 +70,82 @@ def test_a_request_that_fails_leaves_the_connection_and_a_stop_in_it_is_taken(tm
             assert client.ask("POST", "/api/stop", by="\ud800") == {"confirmed": True, "by": None}
     finally:
         server.close()
+
+
+@pytest.fixture
+def stops(tmp_path: Path) -> Iterator[tuple[UnixServer, list[dict[str, Any]]]]:
+    """A server, and the bodies of the STOPs that it has taken."""
+    taken: list[dict[str, Any]] = []
+
+    class Taking:
+        def answer(self, method: str, path: str, body: dict[str, Any], remote: str | None) -> tuple[int, Any]:
+            if (method, path) != ("POST", "/api/stop"):
+                raise Refusal(404, ["Not Found"])
+            taken.append({"remote": remote, **body})
+            return 200, {"confirmed": True}
+
+    server = UnixServer(tmp_path / "bench.sock")
+    server.start(cast(Any, Taking()))
+    yield server, taken
+    server.close()
+
+
+def sent(server: UnixServer, content: bytes) -> bytes:
+    """The answer to bytes, until the server closes the connection."""
+    with socket.socket(socket.AF_UNIX) as end:
+        end.settimeout(30.0)
+        end.connect(str(server.path))
+        end.sendall(content)
+        found = b""
+        with contextlib.suppress(ConnectionResetError):  # it left some bytes unread
+            while part := end.recv(65536):
+                found += part
+        return found
+
+
+@pytest.mark.parametrize(
+    ("line", "by"),
+    [
+        (b'{"do": "stop", "by": "EPICS", "press": "one"}\n', "EPICS"),
+        (b'{"do":"stop"}\n', None),
+        (b'{"by": "x HTTP/1.1", "do": "stop"}\n', "x HTTP/1.1"),
+        (b'{"do": "stop", "by": "\\ud800"}\n', None),
+        (b'{"do": "stop", "by": "' + b"x" * 70_000 + b'"}\n', None),
+    ],
+)
+def test_a_client_from_before_an_update_can_stop(
+    stops: tuple[UnixServer, list[dict[str, Any]]], line: bytes, by: str | None
+) -> None:
+    """`peltier epics` that has run since before an update speaks lines of JSON; its STOP must not be lost."""
+    server, taken = stops
+    answer = sent(server, line)
+    assert (answer.count(b"\n"), json.loads(answer)["confirmed"], json.loads(answer)["ok"]) == (1, True, True)
+    assert [(stop["remote"], stop.get("by")) for stop in taken] == [(None, by)]
+
+
+def test_a_client_from_before_an_update_is_told_to_be_started_anew(
+    stops: tuple[UnixServer, list[dict[str, Any]]],
+) -> None:
+    server, taken = stops
+    for line in (b'{"do": "state"}\n', b'{"do": "subscribe"}\n', b'{"do": "submit", "text": "\\"do\\": \\"stop\\""}\n'):
+        answer = sent(server, line)
+        assert answer.count(b"\n") == 1
+        told = json.loads(answer)
+        assert told["faults"] == ["the program is of another version: start it anew"]
+        assert (told["ok"], told["event"], told["data"]) == (False, "", {})  # as its events are read
+    assert not taken
+
+
+@pytest.mark.parametrize("header", [b"Content-Length: " + b"9" * 5000, b"X: y\r\n" * 150 + b"X: y", b"X: " + b"y" * 70_000])
+def test_a_stop_is_taken_whatever_its_headers_are_and_others_are_refused_without_a_traceback(
+    stops: tuple[UnixServer, list[dict[str, Any]]], capfd: pytest.CaptureFixture[str], header: bytes
+) -> None:
+    """A traceback a request would fill the daemon's log, and the caller would get no answer."""
+    server, taken = stops
+    assert sent(server, b"POST /api/stop HTTP/1.1\r\n" + header + b"\r\n\r\n").startswith(b"HTTP/1.1 200 ")
+    assert len(taken) == 1
+    refused = sent(server, b"POST /api/jobs HTTP/1.1\r\n" + header + b"\r\n\r\n")
+    assert refused.startswith(b"HTTP/1.1 4")
+    assert json.loads(refused.partition(b"\r\n\r\n")[2])["faults"]
+    assert sent(server, b"GET http://[/api/state HTTP/1.1\r\n\r\n").startswith(b"HTTP/1.1 400 ")
+    assert capfd.readouterr().err == ""
