@@ -50,10 +50,10 @@ class Requests:
         return await forward(self._link, request)
 
     async def _get(self, path: str) -> Any:
-        """Ask the bench process. Raises Refusal."""
+        """Ask the bench process. Raises Refusal, with its status and faults if it refuses."""
         try:
             return await self._link.get(path)
-        except (BenchGone, ValueError) as error:
+        except BenchGone as error:
             raise Refusal(503, str(error)) from None
 
     async def state(self, request: Request) -> Response:
@@ -136,7 +136,7 @@ class Requests:
         try:
             state = await self._link.get("/api/state")
             offline, age_s, warnings = state["state"] == "offline", state["cycle_age_s"], state["warnings"]
-        except (BenchGone, ValueError, KeyError) as error:
+        except (BenchGone, Refusal, KeyError) as error:
             return json_reply({"ok": False, "wrong": [str(error)]}, 503)
         wrong = []
         if offline:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import sys
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Coroutine
@@ -12,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from rig.daemon.announcer import sent_event
-from rig.web.page_server import Viewer
+from rig.daemon.client import FAILED
+from rig.web.page_server import Refusal, Viewer
 
 ANSWER_S = 15.0  # a STOP that waits for a dead man's silence takes longest
 ROWS_A_SECOND = 10
@@ -20,6 +22,7 @@ STATE_EVERY_S = 5.0  # the longest time between two events for a viewer
 LONGEST_LINE = 4_000_000  # bytes of an event
 MOST_REQUESTS = 16  # at a time; a STOP does not wait for its turn
 STOP = "/api/stop"
+INSISTS_S, AGAIN_S = 5.0, 0.02  # a STOP is sent anew while the bench process has no room for a connection
 
 
 class BenchGone(Exception):
@@ -40,28 +43,44 @@ class BenchLink:
         self._state_sent_s = 0.0
         self._turns = asyncio.Semaphore(MOST_REQUESTS)
 
-    async def request(self, method: str, path: str, body: bytes = b"", caller: str = "") -> tuple[int, bytes]:
-        """Return status and body of the bench process's answer. caller: who asks the page. Raises BenchGone."""
-        try:
-            async with asyncio.timeout(ANSWER_S):
-                async with contextlib.nullcontext() if path == STOP else self._turns:
-                    reader, writer = await self._send(method, path, body, caller)
-                    with contextlib.closing(writer):
-                        status, length = await _head(reader)
-                        return status, await reader.readexactly(length)
-        except (OSError, ValueError, EOFError, IndexError) as error:  # TimeoutError is an OSError
-            raise BenchGone(f"the bench process does not answer: {str(error) or type(error).__name__}") from None
+    async def request(self, method: str, path: str, body: bytes = b"", caller: str | None = None) -> tuple[int, bytes]:
+        """Return status and body of the bench process's answer. Raises BenchGone.
+
+        caller: who asks the page; None if the page itself does. A STOP without an answer is sent anew for some seconds,
+        with the same body: its `press` makes it one STOP.
+        """
+        until_s = time.monotonic() + (INSISTS_S if path == STOP else 0.0)
+        while True:
+            try:
+                async with asyncio.timeout(ANSWER_S):
+                    async with contextlib.nullcontext() if path == STOP else self._turns:
+                        reader, writer = await self._send(method, path, body, caller)
+                        with contextlib.closing(writer):
+                            status, length = await _head(reader)
+                            return status, await reader.readexactly(length)
+            except (OSError, ValueError, EOFError, IndexError) as error:  # TimeoutError is an OSError
+                if time.monotonic() >= until_s or self.gone.is_set():
+                    why = str(error) or type(error).__name__
+                    raise BenchGone(f"the bench process does not answer: {why}") from None
+            await asyncio.sleep(AGAIN_S)
 
     async def get(self, path: str) -> Any:
-        """Return the answer to a question. Raises BenchGone."""
-        return json.loads((await self.request("GET", path))[1])
+        """Return the answer to a question. Raises BenchGone, or Refusal with the bench process's status and faults."""
+        status, content = await self.request("GET", path)
+        try:
+            answer = json.loads(content)
+        except ValueError as error:
+            raise BenchGone(f"the bench process's answer is no JSON: {error}") from None
+        if status >= FAILED:
+            raise Refusal(status, *answer["faults"])
+        return answer
 
     async def _send(
-        self, method: str, path: str, body: bytes, caller: str
+        self, method: str, path: str, body: bytes, caller: str | None
     ) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         reader, writer = await asyncio.open_unix_connection(str(self.path), limit=LONGEST_LINE)
         head = f"{method} {path} HTTP/1.1\r\nHost: peltier\r\nContent-Length: {len(body)}\r\n"
-        head += f"X-Peltier-For: {caller}\r\n" if caller else ""
+        head += f"X-Peltier-For: {caller}\r\n" if caller is not None else ""
         writer.write(head.encode("latin-1", "replace") + b"\r\n" + body)
         try:
             await writer.drain()
@@ -84,9 +103,12 @@ class BenchLink:
     async def follow(self) -> None:
         """Pass on the events until the bench process ends."""
         try:
-            reader, writer = await self._send("GET", "/api/events", b"", "")
+            reader, writer = await self._send("GET", "/api/events", b"", None)
             with contextlib.closing(writer):
-                await _head(reader)
+                status, _ = await _head(reader)
+                if status >= FAILED:  # this process ends, and is started again
+                    print(f"peltier serve: page: events are refused (HTTP status {status})", file=sys.stderr)
+                    return
                 name = ""
                 while line := (await reader.readline()).decode():
                     word, _, text = line.rstrip("\n").partition(": ")
@@ -125,7 +147,7 @@ class BenchLink:
         while not self.gone.is_set():
             await asyncio.sleep(1.0)
             if time.monotonic() - self._state_sent_s >= STATE_EVERY_S - 1.0:
-                with contextlib.suppress(BenchGone, ValueError):
+                with contextlib.suppress(BenchGone, Refusal):  # viewers get the last one again
                     self.state = await self.get("/api/state")
                 self._state_sent_s = time.monotonic()
                 self._send_to_viewers("state", self.current())

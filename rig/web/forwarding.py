@@ -8,6 +8,7 @@ the page's process alone: the history, viewers, files.
 from __future__ import annotations
 
 import contextlib
+import secrets
 from collections.abc import AsyncIterator
 from typing import Any
 
@@ -18,10 +19,13 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from rig.daemon.announcer import encoded
 from rig.web.bench_link import STOP, BenchGone, BenchLink
-from rig.web.page_server import LONGEST_NAME, Refusal, body_of, refused
+from rig.web.page_server import LONGEST_NAME, Refusal, body_of, object_in, refused
 from rig.web.protection import Names, Protection, Sessions
 
+JOBS = "/api/jobs"
+OF_A_JOB = ("configuration", "text", "name", "kind", "hold_degC", "hold_s")  # no files of the bench's computer
 PREFLIGHT = {
     "Access-Control-Allow-Methods": "POST",
     "Access-Control-Allow-Headers": "authorization, content-type, x-peltier",
@@ -32,12 +36,12 @@ PREFLIGHT = {
 async def forward(link: BenchLink, request: Request) -> Response:
     """Return the bench process's answer to a request. Raises Refusal if it does not answer."""
     path = request.scope["raw_path"].decode("ascii", "replace")
-    try:
+    if request.scope["path"] == STOP:  # by which it was routed, percent signs resolved
+        path, body = STOP, encoded({"press": await _press(request)})
+    elif (request.method, request.scope["path"]) == ("POST", JOBS):
+        body = encoded({key: value for key, value in (await object_in(request)).items() if key in OF_A_JOB})
+    else:
         body = await body_of(request)
-    except Refusal:
-        if path != STOP:
-            raise
-        body = b""
     caller = request.client.host[:LONGEST_NAME] if request.client is not None else "somewhere"
     try:
         method = "GET" if request.method == "HEAD" else request.method  # uvicorn leaves the body out
@@ -45,6 +49,15 @@ async def forward(link: BenchLink, request: Request) -> Response:
     except BenchGone as error:
         raise Refusal(503, str(error)) from None
     return Response(answer, status, media_type="application/json")
+
+
+async def _press(request: Request) -> str:
+    """Return the name of this press of STOP, or a new one; a STOP is taken whatever its body is."""
+    try:
+        press = (await object_in(request)).get("press")
+    except Refusal:
+        press = None
+    return press[:LONGEST_NAME] if isinstance(press, str) else secrets.token_hex(8)
 
 
 def stop_application(link: BenchLink, settings: dict[str, Any]) -> Starlette:

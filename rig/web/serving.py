@@ -11,7 +11,7 @@ from typing import Any
 
 import uvicorn
 
-from rig.daemon.client import Client, NoDaemon
+from rig.daemon.client import Client, NoDaemon, Refusal
 from rig.daemon.web_process import listening
 from rig.web.bench_link import BenchLink
 from rig.web.server import CLOSES_S, PAGE_CONNECTIONS, STOP_CONNECTIONS, serve_and_close, server_of
@@ -28,7 +28,7 @@ async def serve(
     try:
         with Client(place) as client:
             settings = client.ask("GET", "/daemon")
-    except NoDaemon as error:
+    except (NoDaemon, Refusal) as error:
         print(f"peltier serve: page: {error}", file=sys.stderr)
         return 1
     link = BenchLink(place)
