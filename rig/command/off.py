@@ -15,10 +15,20 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.command.stop import stopped
+from rig.command.stop import stop_all
 from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff
-from rig.daemon.client import NONE_RUNS, Client, NoDaemon, Refusal, daemons, json_argument, text_stream, write_json
+from rig.daemon.client import (
+    NONE_RUNS,
+    Client,
+    NoDaemon,
+    OtherVersion,
+    Refusal,
+    daemons,
+    json_argument,
+    text_stream,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from rig.core.errors import PortHeld
@@ -51,14 +61,14 @@ def _off(options: argparse.Namespace) -> int:
     if held is None:
         if not clients:
             raise fault("peltier off", "", f"{NONE_RUNS}; expected CONFIG, to switch its controller off")
-        return max(stopped(client, "peltier off", options.json) for client in clients)
+        return stop_all(clients, "peltier off", options.json)
     simulated = held.port.startswith(SIMULATED)
     holders = [c for c in clients if (_serves(c, options.config) if simulated else _holds(c, held.port))]
     others = [client for client in clients if client not in holders]
     for client in others:
         client.close()
     if holders:
-        return max(stopped(client, "peltier off", options.json) for client in holders)
+        return stop_all(holders, "peltier off", options.json)
     if simulated:
         return _nothing_on(held.port, options.config, [client.path.stem for client in others], options.json)
     return _switched_off(held, options.json)
@@ -97,10 +107,12 @@ def _controller(path: Path) -> Held:
 
 def _who(client: Client) -> dict[str, Any]:
     try:
-        found: dict[str, Any] = client.ask("GET", "/daemon")
+        try:
+            return dict(client.ask("GET", "/daemon"))
+        except OtherVersion:
+            return client.ask_earlier("who")
     except (NoDaemon, Refusal):
         return {}
-    return found
 
 
 def _serves(client: Client, config: Path) -> bool:

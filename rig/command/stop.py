@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from typing import Any
 
 from rig.core.outcome import NotConfirmedOff
 from rig.daemon.client import (
@@ -33,19 +34,36 @@ def main(options: argparse.Namespace) -> int:
     except NoDaemon as error:
         print(f"peltier stop: {error}; `peltier off CONFIG` needs none", file=sys.stderr)
         return 1
-    return max(stopped(client, "peltier stop", options.json) for client in clients)
+    return stop_all(clients, "peltier stop", options.json)
 
 
-def stopped(client: Client, by: str, target: str | None) -> int:
-    """Stop one daemon and print its answer; return the exit status."""
-    name = client.path.stem
+def stop_all(clients: list[Client], by: str, target: str | None) -> int:
+    """Stop daemons, then print what they answered, then write it as JSON; return the exit status."""
+    answers = [(client.path.stem, _stopped(client, by)) for client in clients]  # all, before a disk or a pipe is used
+    status = max(_reported(name, answer, by, target) for name, answer in answers)
+    try:
+        for _, answer in answers:
+            if not isinstance(answer, Exception):
+                write_json(target, answer)
+    except OSError as error:
+        print(f"{by}: {error}", file=sys.stderr)
+        status = max(status, 1)
+    return status
+
+
+def _stopped(client: Client, by: str) -> dict[str, Any] | Exception:
     try:
         with client:
-            answer = client.ask("POST", "/api/stop", by=by)
+            return client.stop(by)
     except (NoDaemon, Refusal) as error:
-        print(f"{by}: OUTPUT NOT CONFIRMED OFF: {error}. Switch the controller off by hand.", file=sys.stderr)
+        return error
+
+
+def _reported(name: str, answer: dict[str, Any] | Exception, by: str, target: str | None) -> int:
+    """Print a daemon's answer, or why there is none; return the exit status."""
+    if isinstance(answer, Exception):
+        print(f"{by}: OUTPUT NOT CONFIRMED OFF: {answer}. Switch the controller off by hand.", file=sys.stderr)
         return NotConfirmedOff.exit_status
-    write_json(target, answer)
     if not answer.get("confirmed"):
         print(
             f"{by}: OUTPUT NOT CONFIRMED OFF: the controller of {name} did not confirm it within "

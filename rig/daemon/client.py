@@ -30,12 +30,17 @@ CALIBRATION = "calibration"  # a kind of job
 CROWDED_S = 5.0  # for a place in the listener's queue, which moves within milliseconds
 ANSWER_S = 15.0  # `stop` retries an instrument that does not answer for some seconds
 FAILED = 400  # HTTP: this status and those above are refusals
+NO_REASON = "the daemon refused without a reason"
 NONE_RUNS = "no daemon runs here (`peltier serve CONFIG` starts one)"
 SYSTEM = Path("/run/peltier")
 
 
 class NoDaemon(Exception):
     """No daemon answers there."""
+
+
+class OtherVersion(NoDaemon):
+    """The process there does not speak HTTP: a daemon of an earlier version, as a rule."""
 
 
 class Refusal(Faults):
@@ -63,21 +68,38 @@ class Client:
     def ask(self, method: str, path: str, /, **body: Any) -> Any:
         """Return the answer to a request. Raises Refusal, and NoDaemon if the connection breaks or nothing comes."""
         self._send(method, path, body)
-        status, length = self._head()
+        return self._answer(*self._head())
+
+    def ask_earlier(self, do: str, **more: Any) -> dict[str, Any]:
+        """Return the answer to a request in the form of earlier versions, a line of JSON. Raises as `ask` does."""
+        with Client(self.path, self._socket.gettimeout() or ANSWER_S) as anew:
+            anew._write(json.dumps({"do": do, **more}).encode() + b"\n")
+            try:
+                answer = json.loads(anew._line())
+            except ValueError:
+                raise OtherVersion(f"the process at {self.path} is no daemon") from None
+        if not answer.get("ok"):
+            raise Refusal(answer.get("status", FAILED), answer.get("faults") or [NO_REASON])
+        return dict(answer)
+
+    def stop(self, by: str) -> dict[str, Any]:
+        """Switch the output off and return the answer, of a daemon of an earlier version as well. Raises as `ask`."""
         try:
-            content = self._file.read(length)
-            answer = json.loads(content)
-        except (OSError, ValueError):
-            raise NoDaemon(f"the daemon at {self.path} has ended") from None
-        if status >= FAILED:
-            raise Refusal(status, answer.get("faults") or ["the daemon refused without a reason"])
-        return answer
+            return dict(self.ask("POST", "/api/stop", by=by))
+        except OtherVersion as other:
+            try:
+                return self.ask_earlier("stop", by=by)
+            except (NoDaemon, Refusal) as error:
+                raise OtherVersion(f"{other}; it took no stop in the earlier form either: {error}") from None
 
     def events(self, timeout_s: float | None = None) -> Iterator[dict[str, Any]]:
-        """Yield {"event": name, "data": {...}} from now on, the state first. Raises NoDaemon when the daemon ends."""
+        """Yield {"event": name, "data": {...}} from now on, the state first. Raises as `ask`, also when the daemon
+        ends."""
         self._socket.settimeout(timeout_s)
         self._send("GET", "/api/events", {})
-        self._head()
+        status, length = self._head()
+        if status >= FAILED:
+            self._answer(status, length)
         name = ""
         while True:
             word, _, text = self._line().partition(": ")
@@ -94,8 +116,11 @@ class Client:
     def _send(self, method: str, path: str, body: dict[str, Any]) -> None:
         content = json.dumps(body).encode() if body else b""
         head = f"{method} {path} HTTP/1.1\r\nHost: peltier\r\nContent-Length: {len(content)}\r\n\r\n"
+        self._write(head.encode() + content)
+
+    def _write(self, content: bytes) -> None:
         try:
-            self._socket.sendall(head.encode() + content)
+            self._socket.sendall(content)
         except OSError as error:
             raise NoDaemon(f"the daemon at {self.path} has gone ({error})") from None
 
@@ -107,8 +132,25 @@ class Client:
                 name, _, value = line.partition(":")
                 length = int(value) if name.lower() == "content-length" else length
         except (ValueError, IndexError):
-            raise NoDaemon(f"the process at {self.path} is no daemon of this version") from None
+            raise OtherVersion(self._other_version()) from None
         return status, length
+
+    def _answer(self, status: int, length: int) -> Any:
+        try:
+            answer = json.loads(self._file.read(length))
+        except (OSError, ValueError):
+            raise NoDaemon(f"the daemon at {self.path} has ended") from None
+        if status >= FAILED:
+            raise Refusal(status, answer.get("faults") or [NO_REASON])
+        return answer
+
+    def _other_version(self) -> str:
+        kill = ""
+        if hasattr(socket, "SO_PEERCRED"):  # of Linux: the number of the process that listens
+            number = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 4)
+            kill = f" (`kill {int.from_bytes(number, sys.byteorder)}`)"
+        what = f"is no daemon of this version: end it{kill}, which switches its output off, and start it anew"
+        return f"the process at {self.path} {what}"
 
     def _line(self) -> str:
         try:

@@ -293,6 +293,7 @@ class _Connection(BaseHTTPRequestHandler):
 
     protocol_version = default_request_version = "HTTP/1.1"
     server: UnixServer  # type: ignore[assignment]
+    raw_requestline: bytes
 
     def do_GET(self) -> None:
         """Answer a request of any method."""
@@ -321,11 +322,12 @@ class _Connection(BaseHTTPRequestHandler):
             self.send_error(BAD_REQUEST, f"{type(error).__name__}: {error}")
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """Refuse a request whose head cannot be read, as JSON, and close the connection; a STOP is taken all the same."""
+        """Refuse a request whose head cannot be read, as JSON, and close the connection; but take a STOP."""
         self.close_connection = True
         self.server.mark(self.connection, math.inf)
         line, former = self.raw_requestline, self.raw_requestline.startswith(b"{")
-        status, answer = int(code), {"faults": [OTHER_VERSION if former else f"request: {message or explain}"]}
+        status: int = code
+        answer: Body = {"faults": [OTHER_VERSION if former else f"request: {message or explain}"]}
         if STOP_LINE.match(line):
             status, answer = self._answer("POST", STOP, _stop_in(line) if former else {}, None)
         if not former:

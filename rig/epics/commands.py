@@ -38,7 +38,7 @@ def stop(place: Place) -> Answer:
     """Switch the output off; in every other case say that this is not confirmed."""
     try:
         with Client(place()) as client:
-            answer = client.ask("POST", "/api/stop", by=BY)
+            answer = client.stop(BY)
     except (NoDaemon, Refusal) as error:
         return Answer(False, f"{BY_HAND}: {error}")
     if not answer.get("confirmed"):

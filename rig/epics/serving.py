@@ -18,7 +18,7 @@ from rig.config.configuration import ConfigurationFile
 from rig.core.errors import RigError
 from rig.core.extras import to_install
 from rig.core.faults import fault
-from rig.daemon.client import Client, NoDaemon
+from rig.daemon.client import Client, NoDaemon, Refusal
 from rig.epics.access import access_list, listen
 
 SILENCE_S = 7.5  # the daemon sends its state at least every 5 s
@@ -94,7 +94,7 @@ def _follow(place: Place, takes: list[Take], lost: Callable[[], None]) -> None:
                 for message in client.events(SILENCE_S):
                     for take in takes:
                         take(message["event"], message["data"])
-        except NoDaemon:
+        except (NoDaemon, Refusal):
             lost()
         threading.Event().wait(AGAIN_S)
 

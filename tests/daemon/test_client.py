@@ -1,14 +1,61 @@
-"""What a verb that talks to a daemon leaves behind with --json."""
+"""What a verb that talks to a daemon leaves behind with --json; and a daemon that is of another version, or refuses."""
 
 from __future__ import annotations
 
+import contextlib
+import json
+import os
 import signal
+import socket
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from rig.daemon.client import write_json
+from rig.daemon.client import Client, Refusal, write_json
 from tests.rig.small import no_file_above
+
+Peltier = Callable[..., tuple[int, str, str]]
+OFF = {"ok": True, "off": True, "confirmed": True, "confirmed_by": "its status", "took_s": 0.01}
+
+
+@contextlib.contextmanager
+def answering(path: Path, answer: Callable[[bytes], bytes]) -> Iterator[None]:
+    """A process at a socket that answers line by line."""
+
+    def serve(connection: socket.socket) -> None:
+        with contextlib.suppress(OSError), connection, connection.makefile("rb") as lines:
+            for line in lines:
+                connection.sendall(answer(line))
+
+    def accept() -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                threading.Thread(target=serve, args=(listener.accept()[0],), daemon=True).start()
+
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        listener.listen()
+        threading.Thread(target=accept, daemon=True).start()
+        yield
+        listener.shutdown(socket.SHUT_RDWR)
+
+
+def earlier(stops: list[str], takes: bool = True) -> Callable[[bytes], bytes]:
+    """What a daemon of an earlier version answers to a line."""
+
+    def answer(line: bytes) -> bytes:
+        try:
+            question = json.loads(line)
+        except ValueError:
+            question = {}
+        if takes and question.get("do") == "stop":
+            stops.append(question["by"])
+            return json.dumps(OFF).encode() + b"\n"
+        return b'{"ok":false,"status":422,"faults":["question: expected JSON, UTF-8"]}\n'
+
+    return answer
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="file sizes are limited on POSIX only")
@@ -21,3 +68,59 @@ def test_an_answer_that_does_not_fit_leaves_the_file_as_it_was(tmp_path: Path) -
         write_json(str(target), {"warnings": ["x" * 100_000]})
     assert target.read_text() == before
     assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("verb", ["stop", "off"])
+def test_a_daemon_from_before_an_update_is_stopped(
+    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str
+) -> None:
+    """The first `peltier stop` after an update meets the daemon that still runs: it must switch the output off."""
+    path, stops = tmp_path / "bench.sock", list[str]()
+    monkeypatch.setenv("PELTIER_SOCKET", str(path))
+    with answering(path, earlier(stops)):
+        status, out, err = peltier(verb)
+    assert (status, err, stops) == (0, "", [f"peltier {verb}"])
+    assert "bench: output off, confirmed by the controller in 10 ms (its status)" in out
+
+
+def test_a_daemon_that_takes_no_stop_is_to_be_ended(
+    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "bench.sock"
+    monkeypatch.setenv("PELTIER_SOCKET", str(path))
+    with answering(path, earlier([], takes=False)):
+        status, out, err = peltier("stop")
+    assert (status, out, err.count("\n")) == (11, "", 1)
+    assert f"end it (`kill {os.getpid()}`), which switches its output off" in err
+    assert "question: expected JSON" in err
+    assert err.endswith("Switch the controller off by hand.\n")
+
+
+def test_every_daemon_is_stopped_before_a_disk_that_may_be_full_is_written(
+    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two benches, the second would go on heating because the first one's answer does not fit on a disk."""
+    monkeypatch.delenv("PELTIER_SOCKET", raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    (tmp_path / "peltier").mkdir()
+    stops: list[str] = []
+    one, two = (tmp_path / "peltier" / f"{name}.sock" for name in ("one", "two"))
+    with answering(one, earlier(stops)), answering(two, earlier(stops)):
+        status, out, err = peltier("stop", "--json", tmp_path / "no folder" / "stop.json")
+    assert (status, len(stops)) == (1, 2)
+    assert "one: output off" in out
+    assert "two: output off" in out
+    assert "stop.json" in err
+
+
+def test_refused_events_do_not_look_like_silence(tmp_path: Path) -> None:
+    """`peltier watch` would show nothing, for ever."""
+    refusal = b'{"faults": ["too many listen"]}'
+    head = f"HTTP/1.1 503 Unavailable\r\nContent-Length: {len(refusal)}\r\n\r\n".encode()
+    path = tmp_path / "bench.sock"
+    with (
+        answering(path, lambda line: head + refusal if line == b"\r\n" else b""),
+        Client(path, 30.0) as client,
+        pytest.raises(Refusal, match="too many listen"),
+    ):
+        next(client.events(30.0))

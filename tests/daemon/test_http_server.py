@@ -16,7 +16,8 @@ import pytest
 
 from rig.core.errors import PortHeld
 from rig.daemon.client import Client, Refusal
-from rig.daemon.http_server import UnixServer
+from rig.daemon.http_server import Requests, UnixServer
+from rig.daemon.output_lock import Off
 
 
 def test_a_daemon_that_does_not_answer_yet_keeps_its_socket(tmp_path: Path) -> None:
@@ -136,7 +137,9 @@ def test_a_client_from_before_an_update_is_told_to_be_started_anew(
     assert not taken
 
 
-@pytest.mark.parametrize("header", [b"Content-Length: " + b"9" * 5000, b"X: y\r\n" * 150 + b"X: y", b"X: " + b"y" * 70_000])
+@pytest.mark.parametrize(
+    "header", [b"Content-Length: " + b"9" * 5000, b"X: y\r\n" * 150 + b"X: y", b"X: " + b"y" * 70_000]
+)
 def test_a_stop_is_taken_whatever_its_headers_are_and_others_are_refused_without_a_traceback(
     stops: tuple[UnixServer, list[dict[str, Any]]], capfd: pytest.CaptureFixture[str], header: bytes
 ) -> None:
@@ -149,3 +152,17 @@ def test_a_stop_is_taken_whatever_its_headers_are_and_others_are_refused_without
     assert json.loads(refused.partition(b"\r\n\r\n")[2])["faults"]
     assert sent(server, b"GET http://[/api/state HTTP/1.1\r\n\r\n").startswith(b"HTTP/1.1 400 ")
     assert capfd.readouterr().err == ""
+
+
+def test_a_press_is_kept_in_few_characters() -> None:
+    """Else anybody who reaches the page fills the bench process's memory, 1 MB a press."""
+
+    class Stopping:
+        configurations = None
+
+        def stop(self, by: str) -> Off:
+            return Off(True, 0.01)
+
+    requests = Requests(cast(Any, Stopping()))
+    requests.answer("POST", "/api/stop", {"press": "p" * 1_000_000})
+    assert [len(press or "") for press in requests._presses] == [80]
