@@ -78,7 +78,7 @@ class Client:
                 answer = json.loads(anew._line())
             except ValueError:
                 raise OtherVersion(f"the process at {self.path} is no daemon") from None
-        if not answer.get("ok"):
+        if not answer.pop("ok", False):
             raise Refusal(answer.get("status", FAILED), answer.get("faults") or [NO_REASON])
         return dict(answer)
 
