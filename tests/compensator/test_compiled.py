@@ -65,7 +65,8 @@ def run(tmp_path: Path, root: Path) -> Callable[..., tuple[str, str]]:
 
     def called(**more: str) -> tuple[str, str]:
         environment = {**os.environ, "PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(tmp_path / "cache"), **more}
-        command = [sys.executable, str(tmp_path / "caller.py")]
+        # -B: Python itself takes a source of the same length and second for the one that it has compiled
+        command = [sys.executable, "-B", str(tmp_path / "caller.py")]
         done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         return done.stdout.strip(), done.stderr
