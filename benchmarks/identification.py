@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+import rig
 from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
 from sim.inference.film.fit import FilmFit, FilmRecord, identify_film, identify_film_records
@@ -139,6 +140,35 @@ def plates(count: int) -> None:
         row(f"measured plate {file.stem}: RMSE of the simulation", figure, "-")
 
 
+def film_and_plate(rows: int, jitter: float) -> rig.Record:
+    """A record with a current, at half a second a row; jitter: of the row's times, of the distance of rows."""
+    random = np.random.default_rng(0)
+    t = 0.5 * np.arange(rows)
+    t = np.sort(t + jitter * 0.5 * random.uniform(-1.0, 1.0, rows))
+    turns = np.cumsum(np.append(0.0, random.uniform(60.0, 90.0, rows // 150)))
+    levels = np.where(np.arange(turns.size) % 2, -0.2, 2.6) + 0.4 * random.normal(size=turns.size)
+    current = np.interp(t, turns, levels)
+    v = PlateModel(1.6e-3, 0.06, 0.018, 24.0).simulate(24.0, t, current)
+    film = is_prandtl_ishlinskii(1)
+    y = film.simulate(v, film.initial_memory(24.0, "heated"))[0] + NOISE * random.normal(size=rows)
+    columns = {"temperature_degC": v + 0.01 * random.normal(size=rows), "resistance_ohm": 10.0**-y}
+    return rig.read_record({"time_s": t, "current_A": current, **columns})
+
+
+def film_with_plate() -> None:
+    rig.identify(film_and_plate(1500, 0.0))  # compiles
+    first = 0.0
+    for rows, jitter in ((6000, 0.0), (14000, 0.3), (50000, 0.0)):
+        record = film_and_plate(rows, jitter)
+        began = time.process_time()
+        found = rig.identify(record)
+        took = time.process_time() - began
+        first = first or took
+        assert found.film is not None
+        figure = f"{took:.2f} s, {took / first:.1f} times; RMSE / noise {found.film.rmse / NOISE:.3f}"
+        row(f"film and plate, {rows} rows, jitter {jitter}: computing", figure, "3 s; 3 and 10 times")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--quick", action="store_true", help="fewer films and plates")
@@ -151,6 +181,7 @@ def main() -> None:
     films_of_the_class(4 if few else 20)
     relay_films()
     long_record()
+    film_with_plate()
     plates(10 if few else 100)
 
 
