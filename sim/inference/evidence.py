@@ -17,7 +17,7 @@ from scipy.special import chdtri
 FALSE_ALARM: Final = 0.01  # a record without the effect names one of the candidates this often, at most
 
 
-def price(parameters: float, rows: int, candidates: int = 1) -> float:
+def price(parameters: int, rows: int, candidates: int = 1) -> float:
     """Return the log-likelihood that so many more parameters must gain on a record of so many readings."""
     chance = 0.5 * float(chdtri(parameters, FALSE_ALARM / candidates))
     return chance + 0.5 * parameters * math.log(rows)

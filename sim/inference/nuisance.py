@@ -249,9 +249,7 @@ def _moved(u: Array, places: slice, by: float) -> Array:
     return out
 
 
-def _least(
-    residual: Callable[[Array], Array], slopes: Callable[[Array, Array], Array], spread: Array, steps: int = STEPS
-) -> Array:
+def _least(residual: Callable[[Array], Array], slopes: Callable[[Array, Array], Array], spread: Array) -> Array:
     """Return the u of least squares with normal priors about 0, from there. residual: over the noise, (rows,); slopes:
     by how much it falls with each unknown, (rows, unknowns), from u and its residual; spread: of each prior."""
     width = 1.0 / spread
@@ -263,4 +261,4 @@ def _least(
         return np.vstack((-slopes(u, left[: -u.size]), np.diag(width)))
 
     anywhere = np.full(spread.size, -math.inf), np.full(spread.size, math.inf)
-    return least_squares(both, derivatives, np.zeros(spread.size), anywhere, steps, DAMPING)[0]
+    return least_squares(both, derivatives, np.zeros(spread.size), anywhere, STEPS, DAMPING)[0]

@@ -29,7 +29,7 @@ from sim.inference.film.notes import film_notes
 from sim.inference.film.prediction_bands import uncertainty
 from sim.inference.film.relay_plane import PlaneFit
 from sim.inference.film.result import FilmFit, Prediction, memory_at_start
-from sim.inference.film.rows import FilmRecord, Prepared, Start, build_path, prepare
+from sim.inference.film.rows import FilmRecord, Path, Prepared, Start, build_path, prepare
 from sim.inference.film.selection import (
     Choice,
     Rows,
@@ -152,7 +152,7 @@ def _identified(
     output_name: str,
     seed: int,
 ) -> FilmFit:
-    """The same, from rows that are ready for a fit and the forms of D to choose from."""
+    """Return the fit of rows that are checked, with one of some forms of D."""
     starts = [Start(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
     found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed)
     if initial == "fitted":
@@ -180,7 +180,7 @@ def _identified(
                 "expected one that rises, such as -log10(R / 1 ohm)"
             )
         model = plain_model(fit, plain_kind, output_name, first)
-    return _fit(rows, starts, model, choice, path.output - fit.at(path))
+    return _fit(rows, starts, path, model, choice)
 
 
 def _odd(records: Sequence[FilmRecord], output_name: str) -> tuple[str, ...]:
@@ -204,7 +204,7 @@ def _share_that_rises(records: Sequence[Prepared], free: bool) -> float:
         raise ValueError(f"output: constant at {y[0]:g}, expected one that changes with temperature")
     pairs = [(record.inputs[record.used], record.output[record.used]) for record in records]
     share = output_sense(pairs)
-    if share < -CLEAR if free else output_falls(pairs):
+    if share < -CLEAR if free else share < CLEAR and output_falls(pairs):
         raise ValueError("output: falls as temperature rises, expected one that rises, such as -log10(R / 1 ohm)")
     return share
 
@@ -292,8 +292,9 @@ def plain_model(fit: PlainFit, kind: str, output_name: str, initial: Initial) ->
     )
 
 
-def _fit(rows: Rows, starts: Sequence[Start], model: FilmModel, choice: Choice, residual: Array) -> FilmFit:
-    path, fit = build_path(rows.records, starts), choice.fit
+def _fit(rows: Rows, starts: Sequence[Start], path: Path, model: FilmModel, choice: Choice) -> FilmFit:
+    fit = choice.fit
+    residual = path.output - fit.at(path)
     firsts = [float(record.inputs[0]) for record in rows.records]
     return FilmFit(
         model,

@@ -89,25 +89,21 @@ def _coarse_steps(path: Path, step_K: float) -> tuple[Array, Array, Array]:
     return 0.5 * (v[coarse][1:] + v[coarse][:-1]), np.diff(v[coarse]), np.diff(y[coarse])
 
 
-def slope_density(path: Path, edges: Array, half_width_K: float = 0.0) -> Array:
-    """Mean |d output / dv| in each temperature bin, from rows at least half a bin's width of travel apart.
-    half_width_K: by which what is seen while heating lies above its bin, and while cooling below."""
+def slope_density(path: Path, edges: Array, half_width_K: float = 0.0, sense: float | None = None) -> Array:
+    """Return the mean d output / dv >= 0 in each temperature bin, from rows at least half a bin's width apart.
+
+    half_width_K: by which what is seen while heating lies above its bin, and while cooling below.
+    sense: 1 heating alone, -1 cooling alone, None both.
+    """
     middle, dv, dy = _coarse_steps(path, 0.5 * float(edges[1] - edges[0]))
+    if sense is not None:
+        own = np.sign(dv) == sense
+        middle, dv, dy = middle[own], dv[own], dy[own]
     middle = middle - np.sign(dv) * half_width_K
     size = edges.size - 1
     place = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, size - 1)
     moved = np.bincount(place, weights=np.abs(dv), minlength=size)
     changed = np.bincount(place, weights=np.maximum(np.sign(dv) * dy, 0.0), minlength=size)
-    return np.asarray(changed / np.maximum(moved, 1e-9) + 1e-12, dtype=np.float64)
-
-
-def branch_density(path: Path, edges: Array, sense: float) -> Array:
-    """Mean d output / dv in each temperature bin, while the temperature goes in a sense (1: it rises), >= 0."""
-    middle, dv, dy = _coarse_steps(path, 0.5 * float(edges[1] - edges[0]))
-    own, size = np.sign(dv) == sense, edges.size - 1
-    place = np.clip(np.searchsorted(edges, middle[own], side="right") - 1, 0, size - 1)
-    moved = np.bincount(place, weights=np.abs(dv[own]), minlength=size)
-    changed = np.bincount(place, weights=np.maximum(sense * dy[own], 0.0), minlength=size)
     return np.asarray(changed / np.maximum(moved, 1e-9) + 1e-12, dtype=np.float64)
 
 

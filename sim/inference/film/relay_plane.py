@@ -24,7 +24,7 @@ import numpy as np
 from compensator.hysteresis.film import Envelope, FilmModel
 from compensator.hysteresis.functions import Array
 from sim.inference.film.memoryless_forms import Form
-from sim.inference.film.multistart import branch_density
+from sim.inference.film.multistart import slope_density
 from sim.inference.film.rows import Path
 from sim.inference.film.variable_projection import PlainFit
 from sim.inference.nnls import solve_triangle
@@ -79,7 +79,7 @@ def _thresholds(path: Path, count: int, sense: float) -> Array:
     """Temperatures between which the output changes by about as much in each, while it goes in a sense; (count,)."""
     v = path.inputs[path.rows]
     edges = np.linspace(float(np.min(v)), float(np.max(v)), BINS + 1)
-    density = branch_density(path, edges, sense)
+    density = slope_density(path, edges, sense=sense)
     cumulative = np.concatenate(([0.0], np.cumsum(density) / np.sum(density)))
     place = BY_OUTPUT * cumulative + (1.0 - BY_OUTPUT) * np.linspace(0.0, 1.0, edges.size)
     return np.interp((np.arange(count) + 0.5) / count, place, edges)
@@ -167,27 +167,29 @@ class PlaneFit:
 def fit_plane(path: Path, plane: RelayPlane, plain: PlainFit, width: float) -> PlaneFit:
     """Return the likeliest weights of a PI film's operators, D and the relays. width: of the relays' prior, over the
     noise's standard deviation."""
-    return _Columns(path, plane, plain).solved(width)[0]
+    columns = _Columns(path, plane, plain)
+    return columns.fit(columns.solved(width), width)
 
 
 def fit_plane_judged(path: Path, judges: Path, plane: RelayPlane, plain: PlainFit) -> tuple[PlaneFit, float]:
-    """Return the same with the width that predicts other rows best, and its RMS error there."""
+    """Return the fit whose width predicts the rows of `judges` best, and its RMS error there."""
     columns = _Columns(path, plane, plain)
     others = _columns(judges, plane, plain)
-    tried: dict[int, tuple[float, PlaneFit]] = {}
+    tried: dict[int, tuple[float, Array]] = {}
 
     def error(place: int) -> float:
         if place not in tried:
-            fit, x, offset = columns.solved(float(WIDTHS[place]))
-            left = judges.output - offset - others[:, :-1] @ x
-            tried[place] = math.sqrt(float(np.mean(left**2))), fit
+            x = columns.solved(float(WIDTHS[place]))
+            left = judges.output - columns.offset(x) - others[:, :-1] @ x
+            tried[place] = math.sqrt(float(np.mean(left**2))), x
         return tried[place][0]
 
     place = WIDTHS.size // 2
     for step in (-1, 1):  # downhill from the middle
         while 0 <= place + step < WIDTHS.size and error(place + step) < error(place):
             place += step
-    return tried[place][1], tried[place][0]
+    least, x = tried[place]
+    return columns.fit(x, float(WIDTHS[place])), least
 
 
 def _columns(path: Path, plane: RelayPlane, plain: PlainFit) -> Array:
@@ -207,30 +209,37 @@ class _Columns:
         self.mean = columns.mean(axis=0)
         columns -= self.mean
         self.products = columns.T @ columns
+        self.relays = slice(self.mean.size - 1 - plane.centre.size, self.mean.size - 1)
+        self.d = self.relays.start - plain.problem.structure.group.size
 
-    def solved(self, width: float) -> tuple[PlaneFit, Array, float]:
-        """The fit, the coefficients of all columns but the output, and the offset."""
-        relays = slice(self.mean.size - 1 - self.plane.centre.size, self.mean.size - 1)
-        d = relays.start - self.plain.problem.structure.group.size
+    def solved(self, width: float) -> Array:
+        """Return the coefficients of all columns but the output."""
         prior = np.zeros(self.mean.size)
-        prior[relays] = width**-2.0
-        x, _ = solve_triangle(reduced(self.products + np.diag(prior)), 0 if self.plain.form.monotone else d)
-        plays = x[d:]
+        prior[self.relays] = width**-2.0
+        unsigned = 0 if self.plain.form.monotone else self.d
+        x, _ = solve_triangle(reduced(self.products + np.diag(prior)), unsigned)
+        plays = x[self.d :]
         plays[plays <= NEGLIGIBLE * float(np.sum(plays))] = 0.0
+        return x
+
+    def offset(self, x: Array) -> float:
+        """Return the offset that goes with some coefficients."""
+        return float(self.mean[-1] - self.mean[:-1] @ x)
+
+    def fit(self, x: Array, width: float) -> PlaneFit:
+        """Return the fit with the coefficients of a width."""
+        relays, d = self.relays, self.d
         kept = np.flatnonzero(x[relays])
         inner = self.products[np.ix_(relays.start + kept, relays.start + kept)]
         known = np.maximum(np.linalg.eigvalsh(inner), 0.0) * width**2
-        parameters = 1.0 + float(np.sum(x[: relays.start] != 0.0)) + float(np.sum(known / (1.0 + known)))
-        offset = float(self.mean[-1] - self.mean[:-1] @ x)
-        fit = PlaneFit(
+        return PlaneFit(
             self.plain,
             x[d : relays.start].copy(),
             self.plane.only(kept),
             x[relays][kept],
             x[:d].copy(),
-            offset,
-            parameters,
+            self.offset(x),
+            1.0 + float(np.sum(x[: relays.start] != 0.0)) + float(np.sum(known / (1.0 + known))),
             self.plane,
             width,
         )
-        return fit, x, offset

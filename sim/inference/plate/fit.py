@@ -317,11 +317,10 @@ class _Problem:
         plain = np.delete(unknowns, self.split - 1) if self.lag else unknowns
         alone = self if not self.lag else _Problem(self.rows, self.kind, False, self.slopes)
         plate = alone.simulated(plain)
-        residual = self.residual(unknowns)
         if noise.slow == 0.0:
             return plate
-        time = self.rows.time_s
-        return plate + np.interp(time, time[self.used], discrepancy(residual, noise, readings)[0])
+        time, beyond = self.rows.time_s, discrepancy(self.residual(unknowns), noise, readings)[0]
+        return plate + np.interp(time, time[self.used], beyond)
 
     @staticmethod
     def _links(lag_s: float) -> Links:
