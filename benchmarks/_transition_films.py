@@ -1,6 +1,6 @@
 """Records of films whose transition is known: three kinds of film, with a thermometer's and an ohmmeter's noise.
 
-Nothing here is `compensator`'s. The films are those of `tests/diagnosis/truth`: play operators with tanh envelopes
+Nothing here is `compensator`'s. The films are those of `tests/sim/diagnosis/truth`: play operators with tanh envelopes
 ("of_class"), a Preisach plane with a bell-shaped density ("preisach"), and reversal curves by interpolation between
 two measured-like branches of two smooth steps each ("forc"). What is true is read off the film's own curve without
 noise, along the way that the record took.
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from tests.diagnosis.truth.draw import draw_film
+from tests.sim.diagnosis.truth.draw import draw_film
 
 Array = NDArray[np.float64]
 KINDS = ("of_class", "preisach", "forc")

@@ -57,7 +57,7 @@ def triples(count: int) -> None:
 
 def of_case(number: int, first: int) -> dict[str, Any]:
     """One blind case: what was said and what was got, by channel."""
-    from tests.diagnosis.cases import case, write_record
+    from tests.sim.diagnosis.cases import case, write_record
 
     kind = KINDS[number % len(KINDS)]
     truth = case(kind, first + number)

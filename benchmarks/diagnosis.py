@@ -30,7 +30,7 @@ sys.path.insert(0, str(ROOT))
 from rig.command.many_arguments import add_engine_arguments, engine_choice  # noqa: E402
 from rig.many.cases import Case, each_ended  # noqa: E402
 from rig.many.engine import EngineChoice, opened  # noqa: E402
-from tests.diagnosis.score import Row, confusion, coverage, wilson  # noqa: E402
+from tests.sim.diagnosis.score import Row, confusion, coverage, wilson  # noqa: E402
 
 Job = dict[str, Any]
 COUNTS = {  # cases at 20 seeds
@@ -55,9 +55,9 @@ KINDS = ("one", *COUNTS, "smallest", "long", "unlike")
 
 def jobs(kinds: Iterable[str], seeds: int, first: int = 0) -> list[Job]:
     """What there is to do: kind, seed, choice; kinds in turn, so that an interrupted table shows all of them."""
-    from tests.diagnosis.truth.manner import UNLIKE
-    from tests.diagnosis.truth.plans import LIMITED
-    from tests.diagnosis.truth.sizes import NAMES
+    from tests.sim.diagnosis.truth.manner import UNLIKE
+    from tests.sim.diagnosis.truth.plans import LIMITED
+    from tests.sim.diagnosis.truth.sizes import NAMES
 
     of: list[list[Job]] = []
     for kind in kinds:
@@ -88,17 +88,20 @@ def key_of(job: Job) -> str:
 
 def one(job: Job) -> Row:
     """Make the case, diagnose it, score it. Every fourth case comes with a record of another profile."""
-    from sim.diagnosis.diagnose import diagnose
-    from tests.diagnosis.cases import case
-    from tests.diagnosis.score import score
+    from rig.analysis.diagnosed import Asked, diagnosed
+    from rig.records.record import Record
+    from tests.sim.diagnosis.cases import case
+    from tests.sim.diagnosis.score import score
 
     truth = case(job["kind"], job["seed"], **job["choice"])
     held = truth.seed % 4 == 0 and truth.kind != "unlike"  # major loops alone do not tell of the minor ones elsewhere
-    holdout = [truth.holdout] if held and truth.holdout is not None else []
+    holdout = [Record(truth.holdout, "holdout")] if held and truth.holdout is not None else []
     began = time.perf_counter()
-    document = diagnose(truth.columns, holdout=holdout, **truth.options).document()
+    document = diagnosed([Record(truth.columns, "case")], Asked(**truth.options), holdout)[0].document()
     took = time.perf_counter() - began
-    after = diagnose(truth.follow_up).document() if truth.follow_up is not None else None
+    after = None
+    if truth.follow_up is not None:
+        after = diagnosed([Record(truth.follow_up, "follow-up")])[0].document()
     row = score(truth, document, after)
     row |= {
         "key": key_of(job),

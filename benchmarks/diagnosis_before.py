@@ -27,9 +27,9 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks._asked_program import Program  # noqa: E402
 from benchmarks.diagnosis import Job, key_of, read  # noqa: E402
-from tests.diagnosis.cases import KINDS as ALL_KINDS  # noqa: E402
-from tests.diagnosis.cases import case  # noqa: E402
-from tests.diagnosis.score import Row, score  # noqa: E402
+from tests.sim.diagnosis.cases import KINDS as ALL_KINDS  # noqa: E402
+from tests.sim.diagnosis.cases import case  # noqa: E402
+from tests.sim.diagnosis.score import Row, score  # noqa: E402
 
 KINDS = tuple(kind for kind in ALL_KINDS if kind not in ("smallest", "unlike"))  # those have choices besides a seed
 # What is compared, which percentile of the times it is, and what is asked of it over the program of then.

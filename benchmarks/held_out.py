@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from rig.__main__ import main as peltier  # noqa: E402
-from tests.diagnosis.cases import case, write_record  # noqa: E402
+from tests.sim.diagnosis.cases import case, write_record  # noqa: E402
 
 KINDS = ("one", "two", "three", "clean", "other_film")
 ASKED = 0.05  # relative

@@ -29,7 +29,7 @@ import numpy as np  # noqa: E402
 from rig.command.many_arguments import add_engine_arguments, engine_choice  # noqa: E402
 from rig.many.cases import Case, each_ended  # noqa: E402
 from rig.many.engine import opened  # noqa: E402
-from tests.diagnosis.score import wilson  # noqa: E402
+from tests.sim.diagnosis.score import wilson  # noqa: E402
 
 FROM_BELOW = ("parallel_leakage", "heat_sink_warmup")
 Row = dict[str, Any]
@@ -37,7 +37,7 @@ Row = dict[str, Any]
 
 def names() -> list[str]:
     """The effects that a limit is asked for: a lattice of readings is seen, and not fitted."""
-    from tests.diagnosis.truth.sizes import SIZES
+    from tests.sim.diagnosis.truth.sizes import SIZES
 
     return [name for name in SIZES if name != "thermometer_quantization"]
 
@@ -45,7 +45,7 @@ def names() -> list[str]:
 def one(seed: int) -> Row:
     """One case, and what its limit says."""
     from sim.diagnosis.diagnose import diagnose
-    from tests.diagnosis.cases import case
+    from tests.sim.diagnosis.cases import case
 
     of = names()
     effect, factor = of[seed % len(of)], float(np.random.default_rng([11, seed]).uniform(0.3, 1.0))

@@ -219,7 +219,7 @@ def memory(cases: int) -> bool:
 def _diagnose(seed: int) -> tuple[str, float]:
     from rig.analysis.diagnosed import diagnosed
     from rig.records.record import Record
-    from tests.diagnosis.cases import case
+    from tests.sim.diagnosis.cases import case
 
     truth = case("one", seed, rows=6000)
     began = time.perf_counter()

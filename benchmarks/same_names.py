@@ -26,8 +26,8 @@ sys.path.insert(0, str(ROOT))
 from benchmarks._asked_program import Program  # noqa: E402
 from benchmarks.diagnosis import Job, key_of  # noqa: E402
 from benchmarks.diagnosis_before import add_cases, cases_of  # noqa: E402
-from tests.diagnosis.cases import case  # noqa: E402
-from tests.diagnosis.score import Row  # noqa: E402
+from tests.sim.diagnosis.cases import case  # noqa: E402
+from tests.sim.diagnosis.score import Row  # noqa: E402
 
 MOVED = 1e-12  # of a reading
 READINGS = ("temperature_degC", "resistance_ohm")

@@ -1,19 +1,20 @@
 """A record diagnosed: which of its columns hold information, which kinds of plate are possible, what is refused.
 
-With other records held out, the extended model's error there is that of the very model that is handed over, run as
-`predict --initial fitted` runs it.
+With other records held out, base and extended model run there as `predict --initial fitted` runs them. Their errors
+replace those of the record's own held-out rows; where the extended model's are larger, the base model is handed over.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import Kind
 from rig.analysis.film_sense import rising
 from rig.analysis.given_twice import require_different
 from rig.analysis.held_out import require_judging
@@ -24,74 +25,168 @@ from rig.config.model_file import Model
 from rig.core.faults import Faults, fault
 from rig.records.film_output import FALLING_RESISTANCE
 from rig.records.record_file import Record
-from sim.diagnosis.data.record import Record as Rows
-from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.diagnose import diagnose
-from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
-from sim.diagnosis.of_full_drive import of_full_drive
-from sim.diagnosis.report.caution import Caution
-from sim.diagnosis.result import Diagnosis, HeldOutRecord
-from sim.diagnosis.search.chain import FALSE_ALARM
-from sim.inference.film.selection import rms
+from sim.diagnosis.extended_model import ExtendedModel, extended_model
+from sim.diagnosis.result import Caution, Channel, Diagnosis, HeldOutRecord
+from sim.inference.evidence import FALSE_ALARM
+from sim.inference.gain import gain, rms
+from sim.inference.record.record import read_columns
 from sim.model.inputs import NAMES as INPUTS
+
+SHARE = "share_of_full_drive"  # code of the warning
+QUANTIZATION = "thermometer_quantization"  # read off the readings, and in no fit
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How to diagnose. base: "generalized_pi": a film without D(T), None: with one; output: of the film, as in a model
+    file; plate: its kind, None: what the drive allows; assume: effects that are there, with the parameters that are
+    known; budget_s: how long it may take; false_alarm: the share of records without any effect that may be given a
+    name; first_s: seconds of a held-out record to which its own room, first temperatures and memory are fitted, None:
+    30 s or 20 rows, whichever is more."""
+
+    base: str | None = None
+    output: str = FALLING_RESISTANCE
+    plate: str | None = None
+    assume: Mapping[str, Mapping[str, float]] | None = None
+    budget_s: float | None = None
+    false_alarm: float | None = None
+    first_s: float | None = None
 
 
 def diagnosed(
-    record: Record,
-    base: str | None = None,
-    output: str = FALLING_RESISTANCE,
+    records: Sequence[Record],
+    asked: Asked | None = None,
     holdout: Sequence[Record] = (),
-    plate: str | None = None,
-    assume: Mapping[str, Mapping[str, float]] | None = None,
-    budget_s: float | None = None,
-    further: Sequence[Record] = (),
-    false_alarm: float | None = None,
+    earlier: Sequence[Record] = (),
     say: Callable[[str], None] = lambda text: None,
-    of_film: Sequence[Record] = (),
 ) -> tuple[Diagnosis, ExtendedModel]:
-    """The diagnosis of one record, with the film's form found; output: of the film, as in a model file; assume:
-    effects that are there, with the parameters that are known; budget_s: how long it may take; further: records
-    of the same rig, diagnosed with it as one; false_alarm: the share of records with nothing in them that may be given
-    a name, None: `FALSE_ALARM`; of_film: other records of the film, which decide what this one leaves open of it, and
-    tell the extended model's, too. Raises Faults where nothing can be said."""
-    together = [record, *further]
-    require_different([*together, *holdout])
-    _require_times([*together, *holdout])
-    output = rising(together, output, say)
-    telling = [telling_columns(one, output) for one in together]
+    """Return the diagnosis of records of one rig (or one record), and the model that predicts best.
+
+    holdout: other records of the rig, on which the gain is measured; earlier: other records of the film, to which the
+    extended model's film is fitted too; say: takes progress. Raises Faults where nothing can be said.
+    """
+    asked = asked or Asked()
+    first = records[0]
+    require_different([*records, *holdout])
+    _require_times([*records, *holdout])
+    output = rising(records, asked.output, say)
+    telling = [telling_columns(one, output) for one in records]
     for note in dict.fromkeys(note for _, notes in telling for note in notes):
         say(note)
-    _require_alike(together, holdout)
-    require_judging(holdout, together, [columns for columns, _ in telling], output, say)
+    _require_alike(records, holdout)
+    require_judging(holdout, records, [columns for columns, _ in telling], output, say)
     try:
         diagnosis = diagnose(
             *(columns for columns, _ in telling),
-            base=base,
+            base=asked.base,
             output=output,
-            holdout=[other.columns for other in holdout],
-            of_film=[other.columns for other in of_film],
-            as_predicted=True,
-            kinds=possible_kinds(together, plate),
-            assume=assume,
-            budget_s=budget_s,
-            chosen_false_alarm=FALSE_ALARM if false_alarm is None else false_alarm,
+            kinds=possible_kinds(records, asked.plate),
+            assume=asked.assume,
+            false_alarm=FALSE_ALARM if asked.false_alarm is None else asked.false_alarm,
+            budget_s=asked.budget_s,
             clock=time.monotonic,
             say=say,
         )
-        extended = extended_model(diagnosis, None, rows_of_film(diagnosis, of_film))
+        quantity = diagnosis.record.quantity
+        rows = [read_columns(one.columns, held_out=False, quantity=quantity) for one in earlier]
+        extended = extended_model(diagnosis.fit, diagnosis.record, rows)
     except (np.linalg.LinAlgError, ArithmeticError) as error:  # the first is a ValueError too
         text = f"no fit could be made of this record ({type(error).__name__}: {error})"
-        raise fault(record.source, "", f"{text}; expected readings that follow current or temperature") from None
+        raise fault(first.source, "", f"{text}; expected readings that follow current or temperature") from None
     except ValueError as error:
-        raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
-    diagnosis = replace(with_film(diagnosis, extended), sources=tuple(one.source for one in together))
-    diagnosis = _with_left_out(diagnosis, together)
-    diagnosis = of_full_drive(diagnosis, next((one.drive for one in together if one.drive is not None), None))
-    return with_prediction(diagnosis, model_of(extended), holdout) if holdout else diagnosis, extended
+        raise Faults(f"{first.source}: {line}" for line in str(error).splitlines()) from None
+    film = None if diagnosis.film is None else {**diagnosis.film, **(extended.film_form() or {})}
+    for f in diagnosis.findings:
+        if f.name == QUANTIZATION:
+            rounding: dict[str, float | str] = {"name": f.name, **{p: v for p, (v, _) in f.parameters.items()}}
+            extended = replace(extended, effects=(*extended.effects, rounding))
+    diagnosis = replace(diagnosis, film=film, sources=tuple(one.source for one in records))
+    diagnosis = _with_left_out(diagnosis, records)
+    diagnosis = _of_full_drive(diagnosis, next((one.drive for one in records if one.drive is not None), None))
+    if holdout:
+        say("held-out records")
+        diagnosis = on_other_records(diagnosis, extended, holdout, asked.first_s)
+        if diagnosis.worse_elsewhere:
+            extended = extended_model(diagnosis.base, diagnosis.record, rows)
+    return diagnosis, extended
+
+
+def on_other_records(
+    diagnosis: Diagnosis, extended: ExtendedModel, holdout: Sequence[Record], first_s: float | None
+) -> Diagnosis:
+    """Return the diagnosis with errors and gains on other records in place of the held-out rows' own. An extended model
+    that predicts them worse than the base model takes back that it explains anything."""
+    base = _errors(diagnosis, model_of(extended_model(diagnosis.base, diagnosis.record)), holdout, first_s)
+    after = _errors(diagnosis, model_of(extended), holdout, first_s)
+    gains = {key: gain(base.all[key], after.all[key], _every(after.all[key])) for key in after.all}
+    channels = dict(diagnosis.channels)
+    for key, found in gains.items():
+        if (channel := channels.get(key)) is not None:
+            count = int(np.sum(np.isfinite(after.all[key])))
+            channels[key] = Channel(channel.noise, found.rmse_before, found.rmse_after, count)
+    findings = []
+    for finding in diagnosis.findings:
+        if (without := diagnosis.without.get(finding.name)) is not None:
+            rest = _errors(diagnosis, model_of(extended_model(without, diagnosis.record)), holdout, first_s).all
+            own = {key: gain(rest[key], after.all[key], _every(after.all[key])) for key in after.all}
+            finding = replace(finding, gain=own)
+        findings.append(finding)
+    elsewhere = tuple(
+        HeldOutRecord(
+            record.source,
+            {key: (rms(b[key]), rms(a[key]), a[key].size) for key in a},
+            room,
+        )
+        for record, b, a, room in zip(holdout, base.each, after.each, after.rooms_degC, strict=True)
+    )
+    worse = bool(diagnosis.findings) and any(found.reduction_ci95[1] < 0.0 for found in gains.values())
+    return replace(
+        diagnosis,
+        verdict="partly_unexplained" if worse else diagnosis.verdict,
+        channels=channels,
+        findings=tuple(findings),
+        elsewhere=elsewhere,
+        worse_elsewhere=worse,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Errors:
+    """A model's errors on other records, by channel: of each its readings that are scored, and all one after the other;
+    the room of each."""
+
+    each: list[dict[str, Array]]
+    rooms_degC: list[float | None]
+
+    @property
+    def all(self) -> dict[str, Array]:
+        keys = dict.fromkeys(key for one in self.each for key in one)
+        return {key: np.concatenate([one[key] for one in self.each if key in one]) for key in keys}
+
+
+def _errors(diagnosis: Diagnosis, model: Model, records: Sequence[Record], first_s: float | None) -> _Errors:
+    """Return the errors of a model that is run as `predict --initial fitted` runs it."""
+    each, rooms = [], []
+    for record in records:
+        found = predicted(model, record, record.source, initial="fitted", first_s=first_s)
+        left = {}
+        if found.temperature_degC is not None:
+            left["temperature_K"] = found.temperature_degC - record["temperature_degC"]
+        if found.output is not None and model.film is not None:
+            left[diagnosis.record.quantity.channel] = found.output - record.output(model.film.output)
+        scored = {key: values[~found.fitted_rows & np.isfinite(values)] for key, values in left.items()}
+        each.append({key: values for key, values in scored.items() if values.size})
+        rooms.append(fitted_values(found, model).get("ambient_degC"))
+    return _Errors(each, rooms)
+
+
+def _every(values: Array) -> Any:
+    return np.ones(values.size, dtype=np.bool_)
 
 
 def _with_left_out(diagnosis: Diagnosis, records: Sequence[Record]) -> Diagnosis:
-    """The diagnosis with the rows in which the thermometer was not believed."""
+    """Return the diagnosis with the rows in which the thermometer was not believed."""
     warnings: list[Caution] = []
     rows: list[dict[str, Any]] = []
     for number, record in enumerate(records, 1):
@@ -100,7 +195,20 @@ def _with_left_out(diagnosis: Diagnosis, records: Sequence[Record]) -> Diagnosis
         for one in record.left_out:
             entry = {"record": number, "column": "temperature_degC", "rule": one.why}
             rows += [{**entry, "time_s": t} for t in record["time_s"][one.first : one.last + 1].tolist()]
-    return replace(diagnosis, warnings=[*warnings, *diagnosis.warnings], not_believed=tuple(rows))
+    return replace(diagnosis, warnings=(*warnings, *diagnosis.warnings), not_believed=tuple(rows))
+
+
+def _of_full_drive(found: Diagnosis, drive: str | None) -> Diagnosis:
+    """Return the diagnosis with a warning where the current is a share of the full drive (in the unit `drive`), and
+    without typical sizes in ampere beside numbers in another unit."""
+    if drive is None or found.record.current_A is None:
+        return found
+    text = (
+        f"A stands for the full drive here: current_A is a share of it ({drive}). What is in A is a share, too, and "
+        "what is per A is per full drive"
+    )
+    limits = tuple(replace(limit, typical=None) if limit.parameter.endswith("_A") else limit for limit in found.limits)
+    return replace(found, warnings=(Caution(SHARE, text), *found.warnings), limits=limits, drive=drive)
 
 
 def _require_alike(together: Sequence[Record], holdout: Sequence[Record]) -> None:
@@ -131,50 +239,16 @@ def _require_times(records: Sequence[Record]) -> None:
         raise Faults(lines)
 
 
-def rows_of_film(diagnosis: Diagnosis, records: Sequence[Record]) -> list[Rows]:
-    """Other records of the film as the extended model takes them. Raises ValueError for one that has too few rows."""
-    quantity = diagnosis.chain.record.quantity
-    return [read_columns(one.columns, held_out=False, quantity=quantity) for one in records]
-
-
 def model_of(extended: ExtendedModel) -> Model:
-    """An extended model as a model file has it: of a record with current, the current drives the film."""
+    """Return a model as a model file has it: of a record with current, the current drives the film."""
     drive = "current" if extended.plate is not None else None
-    return Model(extended.film, extended.plate, tuple(extended.effects), drive, extended.mixing)  # type: ignore[arg-type]
+    return Model(extended.film, extended.plate, extended.effects, drive)  # type: ignore[arg-type]
 
 
-def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Sequence[Record]) -> Diagnosis:
-    """The diagnosis with the extended model's errors on other records as `predict --initial fitted` measures them, in
-    the rows that judge."""
-    errors: dict[str, list[Array]] = {}
-    elsewhere = []
-    judging = diagnosis.halves.judging if diagnosis.halves is not None else []
-    for record, judges in zip(holdout, judging, strict=True):
-        found = predicted(model, record, record.source, initial="fitted")
-        left = {}
-        if found.temperature_degC is not None:
-            left["temperature_K"] = found.temperature_degC - record["temperature_degC"]
-        if found.output is not None and model.film is not None:
-            left[diagnosis.record.quantity.channel] = found.output - record.output(model.film.output)
-        counted = judges & ~found.fitted_rows
-        scored = {name: values[counted & np.isfinite(values)] for name, values in left.items()}
-        errors_of_it = {n: (rms(v), v.size) for n, v in scored.items() if v.size}
-        elsewhere.append(HeldOutRecord(record.source, errors_of_it, fitted_values(found, model).get("ambient_degC")))
-        for name, values in scored.items():
-            errors.setdefault(name, []).append(values)
-    channels = dict(diagnosis.channels)
-    for name, parts in errors.items():
-        error = np.concatenate(parts)
-        channel = channels.get(name)
-        if channel is not None and error.size:
-            channels[name] = replace(channel, rmse_extended=rms(error), samples_holdout=int(error.size))
-    return replace(diagnosis, channels=channels, elsewhere=tuple(elsewhere))
-
-
-def possible_kinds(records: Sequence[Record], plate: str | None) -> tuple[str, ...]:
+def possible_kinds(records: Sequence[Record], plate: str | None) -> tuple[Kind, ...]:
     """The kinds of plate to try: a drive that cools in none of the records may be a heater's, in ampere, too."""
     if plate is not None:
-        return (plate,)
+        return ("heater",) if plate == "heater" else ("peltier",)
     if any(record.drive == "pwm255" for record in records):  # a switched heater's drive is its power
         return ("heater",)
     driven = [record["current_A"] for record in records if record.has("current_A")]

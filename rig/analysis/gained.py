@@ -15,7 +15,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.analysis.score import Rows, largest, profile_error, rms, tracking_error
 from rig.config.target import Target
-from sim.diagnosis.validate.gain import gain
+from sim.inference.gain import gain
 
 SAME = 1e-6  # of a target's values: what their writing as resistances and back may change
 FEWEST = 60  # rows that both runs have, one for each block

@@ -13,8 +13,8 @@ from rig.analysis.telling import FEWEST, informative
 from rig.core.faults import Faults
 from rig.records.film_output import column_of
 from rig.records.record_file import Record
-from sim.diagnosis.data.quantity import Quantity
-from sim.diagnosis.data.record import read_columns
+from sim.inference.record.quantity import Quantity
+from sim.inference.record.record import read_columns
 
 
 def require_judging(

@@ -13,8 +13,8 @@ from rig.analysis.predicted import predicted
 from rig.analysis.prediction_error import ChannelError, errors_of
 from rig.config.model_file import Drive, read_model
 from rig.records.record_file import Record
-from sim.diagnosis.validate.gain import gain
 from sim.effects.catalogue import catalogue
+from sim.inference.gain import gain
 
 WORTH: Final = 0.1  # less error, by a fit alone: one of 50 numbers to 2,500 rows of noise gains 0.01 by itself
 TEMPERATURE: Final = "temperature_degC"

@@ -16,11 +16,11 @@ from rig.config.model_file import Drive, Model
 from rig.core.faults import fault
 from rig.records.film_output import RISING_RESISTANCE, column_of, in_decades
 from rig.records.record_file import Record
-from sim.diagnosis.data.record import Mask, own_noise, read_columns, told_of
-from sim.diagnosis.data.record import Record as Rows
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, Warming, of_resistances
 from sim.inference.nuisance import LEAST_NOISE_DEC, Told, first_readings, fit_own, told_rows
+from sim.inference.record.record import Mask, own_noise, read_columns, told_of
+from sim.inference.record.record import Record as Rows
 from sim.model.chain import NO_PLATE, ChainModel
 from sim.model.inputs import NAMES as INPUTS
 from sim.model.plate_path import PlatePath

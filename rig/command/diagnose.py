@@ -34,7 +34,7 @@ from rig.many.journal import is_of_many
 from rig.records.record_file import Record
 
 if TYPE_CHECKING:
-    from rig.report.diagnosed_record import Asked
+    from rig.report.diagnosed_record import Options
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,6 +70,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--budget", type=float, metavar="SECONDS", help=text)
     text = "of records with nothing in them, the share that may be given a name (default 0.01)"
     parser.add_argument("--false-alarm", type=float, metavar="SHARE", help=text)
+    text = "fit room, first temperatures and memory of a held-out record to its first SECONDS (default 30)"
+    parser.add_argument("--first", type=float, metavar="SECONDS", help=text)
     parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, diagnosis.json and model.toml there")
     parser.add_argument("--out", type=Path, metavar="MODEL.toml", help="the extended model")
     add_engine_arguments(parser)
@@ -95,11 +97,13 @@ def main(options: argparse.Namespace) -> int:
         add_effect_files(options.effect_file)
     if options.budget is not None and not options.budget > 0.0:
         raise fault("--budget", f"{options.budget:g}", "expected a number of seconds > 0")
+    if options.first is not None and not options.holdout:
+        raise fault("--first", f"{options.first:g}", "expected --holdout RECORD with it: nothing else is predicted")
     if options.false_alarm is not None:
-        from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST
+        from sim.inference.evidence import FALSE_ALARMS
 
-        if not SMALLEST <= options.false_alarm <= LARGEST:
-            expected = f"expected a share from {SMALLEST:g} to {LARGEST:g}"
+        if not FALSE_ALARMS[0] <= options.false_alarm <= FALSE_ALARMS[1]:
+            expected = f"expected a share from {FALSE_ALARMS[0]:g} to {FALSE_ALARMS[1]:g}"
             raise fault("--false-alarm", f"{options.false_alarm:g}", expected)
     if options.assume:
         from rig.config.effect_tables import parse_assumed_effects
@@ -111,10 +115,15 @@ def main(options: argparse.Namespace) -> int:
     each = read_each(options.records, options) if several else []
     records = [] if several else read_records(options.records, options)
     holdout = read_records(options.holdout, options) if options.holdout else []
-    from rig.report.diagnosed_record import Asked  # seconds: after what may be refused has been read
+    from rig.analysis.diagnosed import Asked  # seconds: after what may be refused has been read
+    from rig.report.diagnosed_record import Options
 
     own = tuple(path.absolute() for path in options.effect_file)
-    asked = Asked(base, options.output, options.plate, own, tuple(options.assume), options.budget, options.false_alarm)
+    asked = Options(
+        Asked(base, options.output, options.plate, None, options.budget, options.false_alarm, options.first),
+        tuple(options.assume),
+        own,
+    )
     if several:
         from rig.command.each_told import each_told
         from rig.report.diagnosed_record import diagnoses
@@ -140,7 +149,7 @@ def _base(options: argparse.Namespace) -> str | None:
 
 
 def _single(
-    records: list[Record], asked: Asked, holdout: list[Record], options: argparse.Namespace, voice: Voice
+    records: list[Record], asked: Options, holdout: list[Record], options: argparse.Namespace, voice: Voice
 ) -> dict[str, Any]:
     """One record, or several as one, with progress on stderr; its document. Raises Faults."""
     from rig.report.diagnosed_record import told

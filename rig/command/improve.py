@@ -80,10 +80,11 @@ def _improve(options: argparse.Namespace, guard: Guard) -> int:
 
 def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice: Voice) -> Improvement:
     """RUN diagnosed, the report of that in the folder. Raises Faults where nothing can be said of its record."""
+    from rig.analysis.diagnosed import Asked
     from rig.analysis.gained import as_effects, followed, news
     from rig.core.faults import Faults
     from rig.records.record_file import read_record
-    from rig.report.diagnosed_record import Asked, told
+    from rig.report.diagnosed_record import Options, told
     from rig.report.improvement import Improvement
     from rig.report.told import CANDIDATE, MODEL
 
@@ -94,8 +95,8 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice:
     def tell(text: str) -> None:
         print(f"{record.source}: {text}", file=sys.stderr, flush=True)
 
-    asked = Asked(output=found.output, effect_files=own)
-    said = told(record, asked, str(folder / MODEL), report=True, say=tell)
+    options_of = Options(Asked(output=found.output), effect_files=own)
+    said = told(record, options_of, str(folder / MODEL), report=True, say=tell)
     if said.faults:
         raise Faults(said.faults)
     folder.mkdir(parents=True)

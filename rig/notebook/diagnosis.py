@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rig.analysis.diagnosed import diagnosed, model_of
+from rig.analysis.diagnosed import Asked, diagnosed, model_of
 from rig.config.effect_tables import add_effect_files, check_assumed_effects
 from rig.config.model_file import Model
 from rig.core.faults import fault
@@ -15,7 +15,7 @@ from rig.core.python_words import in_python
 from rig.notebook.records import as_records
 from rig.notebook.shown import Shown
 from rig.records.film_output import FALLING_RESISTANCE
-from rig.report.diagnosis_lines import lines
+from rig.report.diagnosis_words import lines, model_comment
 from sim.diagnosis.result import Diagnosis
 
 if TYPE_CHECKING:
@@ -50,7 +50,6 @@ class RecordDiagnosis(Shown):
         """report.html with all figures, diagnosis.json and model.toml in a folder; its page. Raises OSError."""
         from rig.config.model_file import write_model
         from rig.report.diagnosis import write_diagnosis_report
-        from rig.report.model_comment import model_comment
 
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
@@ -70,6 +69,7 @@ def diagnose(
     assume: Mapping[str, Mapping[str, float]] | None = None,
     budget_s: float | None = None,
     false_alarm: float | None = None,
+    first_s: float | None = None,
     effect_files: Iterable[Path | str] = (),
     say: Callable[[str], None] = lambda text: None,
 ) -> RecordDiagnosis:
@@ -78,7 +78,8 @@ def diagnose(
     record: a `Record`, or what `read_record` reads; further: more of the same rig, diagnosed with it as one. holdout:
     other records of the rig, on which the gain is measured. base: the film's model. plate: its kind, None: what the
     drive allows. assume: effects that are there, with the parameters that are known. budget_s: how long it may take.
-    false_alarm: the share of records with nothing in them that may be given a name, None: 1 %.
+    false_alarm: the share of records without any effect that may be given a name, None: 1 %. first_s: seconds of a
+    held-out record to which its own room, first temperatures and memory are fitted, None: 30 s or 20 rows.
     effect_files: effects of one's own. say: called with what is being done. Raises Faults.
     """
     add_effect_files(Path(path) for path in effect_files)
@@ -90,7 +91,8 @@ def diagnose(
     known = check_assumed_effects([{"name": name, **values} for name, values in (assume or {}).items()], "assume")
     others = as_records(holdout)
     one, *more = as_records((record, *further))
-    found, extended = diagnosed(one, base, output, others, plate, known, budget_s, more, false_alarm, say)
+    asked = Asked(base, output, plate, known, budget_s, false_alarm, first_s)
+    found, extended = diagnosed([one, *more], asked, others, say=say)
     effects = {f.name: {name: value for name, (value, _) in f.parameters.items()} for f in found.findings}
     told = tuple(lines(found)), found.document(), found, one.drive
     return RecordDiagnosis(found.verdict, effects, model_of(extended), *told)

@@ -5,20 +5,18 @@ They are used on a record of the simulated rig, so that every loop is compiled f
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rig.analysis.diagnosed import diagnosed
+from rig.analysis.diagnosed import Asked, diagnosed
 from rig.analysis.identified import AskedFit, identified
 from rig.analysis.inverted import inverted
 from rig.analysis.predicted import predicted
 from rig.config.model_file import Model
 from rig.records.record import Record
 from rig.rehearsal.simulated import simulate, simulated_configuration, simulated_rig
-from sim.diagnosis.data.noise_model import NoiseModel
 
 HERE = Path("precompile")  # where messages would say that the configuration stands
 PROFILE = ["start 1.1 A", "sine 1.2 A period 160 s for 160 s"]  # once through the transition of the template's film
@@ -35,11 +33,10 @@ def precompile() -> None:
     record = _record()
     film = identified([record], AskedFit(), lambda text: None).model.film
     assert film is not None
-    model = Model(film, diagnosed(record, budget_s=BUDGET_S)[1].plate)
+    model = Model(film, diagnosed([record], Asked(budget_s=BUDGET_S))[1].plate)
     for initial in (None, "fitted"):
         predicted(model, record, HERE, initial=initial)
     inverted(film, np.array([3e4, 8e3, 1.5e4]), HERE)
-    replace(NoiseModel.white(1.0), correlation=0.5).on(np.arange(3), np.zeros(3)).over(np.ones((3, 2)))
 
 
 def _record() -> Record:

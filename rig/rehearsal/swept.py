@@ -156,7 +156,7 @@ def _made_of(what: SweepTask, record: Record) -> Values:
         if what == "diagnosis":
             from rig.analysis.diagnosed import diagnosed
 
-            return of_diagnosis(diagnosed(record)[0].document())
+            return of_diagnosis(diagnosed([record])[0].document())
         from rig.analysis.identified import AskedFit, identified
         from rig.report.identified_records import in_words
 

@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.diagnosed import diagnosed, model_of
+from rig.analysis.diagnosed import Asked, diagnosed, model_of
 from rig.analysis.earlier_records import earlier_film_records, told_by
 from rig.analysis.one_row import of_diagnosis
-from rig.analysis.tried import best_tried
 from rig.config.effect_tables import add_effect_files, parse_assumed_effects
 from rig.config.model_file import Model, write_model
 from rig.core.faults import Faults
 from rig.many.engine import given
-from rig.records.film_output import FALLING_RESISTANCE
 from rig.records.record_file import Record
 from rig.report.diagnosis import write_diagnosis_report
-from rig.report.diagnosis_lines import lines
-from rig.report.diagnosis_records import together as records_of
+from rig.report.diagnosis_words import lines, model_comment, unit_lines
+from rig.report.diagnosis_words import together as records_of
 from rig.report.many_records import Task
-from rig.report.model_comment import model_comment, unit_lines
 from rig.report.told import CANDIDATE, MODEL, Told, files_in
-from sim.diagnosis.extended_model import ExtendedModel
+from sim.diagnosis.extended_model import ExtendedModel, extended_model
 from sim.diagnosis.result import with_model
 
 RANK = (
@@ -38,69 +35,48 @@ RANK = (
 
 
 @dataclass(frozen=True)
-class Asked:
-    """How to diagnose. base: of the film; output: as in a model file; plate: its kind, None: what the drive allows.
-    effect_files: with effects of one's own, which another process has to load too; assume: NAME[:param=value,...] of
-    effects that are there; budget_s: how long each record may take; false_alarm: the share of records with nothing in
-    them that may be given a name, None: 1 %."""
+class Options:
+    """asked: how to diagnose, without what is assumed; assume: NAME[:param=value,...] of effects that are there;
+    effect_files: user-defined effects, which another process has to load too."""
 
-    base: str | None = None
-    output: str = FALLING_RESISTANCE
-    plate: str | None = None
-    effect_files: tuple[Path, ...] = ()
+    asked: Asked
     assume: tuple[str, ...] = ()
-    budget_s: float | None = None
-    false_alarm: float | None = None
+    effect_files: tuple[Path, ...] = ()
 
 
 def told(
     record: Any,
-    asked: Asked,
+    options: Options,
     model: str | None = None,
     *holdout: Any,
     report: bool | None = None,
     further: Sequence[Record] = (),
     say: Callable[[str], None] = lambda text: None,
 ) -> Told:
-    """record, holdout: `Record`s, or what an engine shares of them. model: where its model will stand; None: nowhere.
-    report: whether its files are wanted; None: where the model is. further: records that are diagnosed with it as one;
-    say: progress."""
-    _know(asked.effect_files)
+    """Diagnose a record. record, holdout: `Record`s, or what an engine shares of them. model: where its model will
+    stand; None: nowhere. report: whether its files are wanted; None: where the model is. further: records that are
+    diagnosed with it as one; say: takes progress."""
+    _know(options.effect_files)
     one: Record = given(record)
-    before = earlier_film_records(one.source, say)
+    earlier = earlier_film_records(one.source, say)
+    together = [one, *further]
+    asked = replace(options.asked, assume=parse_assumed_effects(options.assume))
     try:
-        diagnosis, extended = diagnosed(
-            one,
-            asked.base,
-            asked.output,
-            [given(other) for other in holdout],
-            asked.plate,
-            parse_assumed_effects(asked.assume),
-            asked.budget_s,
-            further,
-            asked.false_alarm,
-            say,
-            before,
-        )
+        diagnosis, extended = diagnosed(together, asked, [given(other) for other in holdout], earlier, say)
     except Faults as faults:
         return Told(faults=tuple(faults.lines))
-    tried = None
-    reported = report if report is not None else model is not None
-    if reported:
-        diagnosis, tried = best_tried(diagnosis, extended, before)
     if model is not None:
         diagnosis = with_model(diagnosis, model)
-    together = [one, *further]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if model is not None:
-            write_model(folder / MODEL, _of_records(extended, together, before), model_comment(diagnosis))
-        if reported:
-            if tried is not None:
-                names = ", ".join(diagnosis.candidates[0].names)
-                comment = f"with what was found in {records_of(diagnosis)} and is not named: {names}"
-                comment = "\n".join([comment, *unit_lines(diagnosis)])
-                write_model(folder / CANDIDATE, _of_records(tried, together, before), comment)
+            write_model(folder / MODEL, _of_records(extended, together, earlier), model_comment(diagnosis))
+        if report if report is not None else model is not None:
+            for candidate in diagnosis.candidates[:1]:
+                tried = extended_model(candidate.fit, diagnosis.record)
+                comment = f"with what was found in {records_of(diagnosis)} and is not named: "
+                comment = "\n".join([comment + ", ".join(candidate.names), *unit_lines(diagnosis)])
+                write_model(folder / CANDIDATE, _of_records(tried, together, ()), comment)
             write_diagnosis_report(folder, diagnosis)
         files = files_in(folder)
     return Told(diagnosis.document(), tuple(lines(diagnosis)), files)
@@ -108,7 +84,7 @@ def told(
 
 def _of_records(extended: ExtendedModel, together: Sequence[Record], before: Sequence[Record]) -> Model:
     """The model, with the records that told its film, where they are files."""
-    return told_by(model_of(extended), [*together, *(before if extended.others else [])])
+    return told_by(model_of(extended), [*together, *(before if extended.further else [])])
 
 
 @lru_cache
@@ -125,11 +101,11 @@ def _rank(row: Mapping[str, Any]) -> tuple[int, float, int]:
     return place, -max(evidence, default=0.0), int(row["number"])
 
 
-def diagnoses(asked: Asked, holdout: Sequence[Record]) -> Task:
+def diagnoses(options: Options, holdout: Sequence[Record]) -> Task:
     """Of many records."""
     return Task(
         work=told,
-        asked=asked,
+        asked=options,
         document="diagnosis.json",
         table="diagnoses",
         title="Diagnoses",
@@ -137,5 +113,5 @@ def diagnoses(asked: Asked, holdout: Sequence[Record]) -> Task:
         rank=_rank,
         columns={"verdict": "verdict", "named": "effects and sizes", "left": "left over"},
         shared=tuple(holdout),
-        files=asked.effect_files,
+        files=options.effect_files,
     )

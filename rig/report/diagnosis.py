@@ -8,21 +8,25 @@ from typing import TYPE_CHECKING
 from rig.core.file_writing import write_text
 from rig.records.run_folder import plain_json
 from rig.report.diagnosis_figures import course_figure, gain_figure, loop_figure, residual_figures
-from rig.report.diagnosis_records import held_out_lines, record_lines, room_line, together, warning_line
 from rig.report.diagnosis_words import (
     NOT_FIXED,
     assumed_lines,
+    by_gain,
     channels_of,
+    film_words,
+    held_out_lines,
     judged_channels,
     left_over,
     limit_rows,
-    listed,
     not_named,
-    nothing_left,
     number,
     parameters,
+    record_lines,
+    room_line,
     sentence,
-    told_by,
+    split_unit,
+    together,
+    warning_line,
 )
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
 from rig.report.told import CANDIDATE
@@ -31,7 +35,6 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
 
 RUNNERS_UP = 6  # rows of a table that is read at a glance
-SLIGHTLY = 6.0  # log-likelihood, less than what the search follows up: a set that fits better by more is no runner-up
 
 
 def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
@@ -66,7 +69,7 @@ def _records(diagnosis: Diagnosis) -> list[str]:
     """What was diagnosed, and what was held out."""
     parts = [paragraph(f"{line}.", "note") for line in record_lines(diagnosis)]
     if held := held_out_lines(diagnosis):
-        parts += [paragraph("Held out, with the extended model's error there:", "note"), bullets(held)]
+        parts += [paragraph("Held-out records, and the errors there:", "note"), bullets(held)]
     return parts
 
 
@@ -76,15 +79,11 @@ def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         scale, prefix = (1e3, "m") if channel.rmse_base < 0.3 else (1.0, "")
         before, after = scale * channel.rmse_base, scale * channel.rmse_extended
         arrow = f"{before:.3g} \N{RIGHTWARDS ARROW} {after:.3g} {prefix}{unit}"
-        if not diagnosis.judged.names:
+        if not diagnosis.findings:
             arrow = f"{after:.3g} {prefix}{unit}"
-        found.append((arrow, f"error of {what} on held-out rows; noise {scale * channel.noise:.3g} {prefix}{unit}"))
+        found.append((arrow, f"error of {what} in held-out rows; noise {scale * channel.noise:.3g} {prefix}{unit}"))
     if diagnosis.film is not None:
-        film = diagnosis.film
-        found.append((f"D(T): {film['memoryless']}", f"film of {film['operators']} operators{told_by(film)}"))
-        if mixing := diagnosis.film.get("mixing"):
-            found.append((f"{mixing['exponent']['value']:.2g}", "exponent of the phases' mixing; 0: logarithms add"))
-            found.append((f"{mixing['percolation']['value']:.2g}", "how sharply its metal percolates; 0: a power mean"))
+        found.append((f"D(T): {diagnosis.film['memoryless']}", film_words(diagnosis.film)))
     return found
 
 
@@ -92,9 +91,9 @@ def _effects(diagnosis: Diagnosis) -> str:
     """The table of effects."""
     if not diagnosis.findings:
         return paragraph("None is named.")
-    head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "confounded with"]
+    head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "or instead"]
     rows = []
-    for f in diagnosis.findings:
+    for f in by_gain(diagnosis):
         values = parameters(f, ";\n")
         gains = [
             f"{channels_of(diagnosis)[key][0]} \N{MULTIPLICATION SIGN} {g.rmse_before / max(g.rmse_after, 1e-300):.3g}"
@@ -116,10 +115,7 @@ def _not_named(diagnosis: Diagnosis, as_model: bool) -> list[str]:
     """A section where something was found that did not earn its name. as_model: whether the first can be run."""
     if not diagnosis.candidates:
         return []
-    note = (
-        "These predict held-out rows better than what is named. Chosen as the best of several, they may do a "
-        "little worse on another record: --holdout shows it. "
-    )
+    note = "Chosen as the best of several, these sets may do a little worse on another record: --holdout shows it. "
     if as_model:
         note += f"The model with the first of them is {CANDIDATE}."
     else:
@@ -132,7 +128,7 @@ def _limits(diagnosis: Diagnosis) -> list[str]:
     rows = [list(row) for row in limit_rows(diagnosis)]
     if not rows:
         return []
-    head = ["effect", "size that this record allows (95 %)", "usual sizes"]
+    head = ["effect", "size that this record allows (95 %)", "typical range"]
     note = "A larger one would have shown beside everything else that is fitted; of a leakage or a sink, a smaller one."
     return [section("What is not named, and how large it may be", table(head, rows), paragraph(note, "note"))]
 
@@ -146,7 +142,8 @@ def _plate(diagnosis: Diagnosis) -> list[str]:
     for name, (value, ci) in plate.parameters.items():
         width = 0.0 if ci is None else ci[1] - ci[0]
         interval = NOT_FIXED if ci is None else f"{number(ci[0], width)} to {number(ci[1], width)}"
-        rows.append([name, number(value, width), interval])
+        what, unit = split_unit(name)
+        rows.append([f"{what} / {unit}" if unit else what, number(value, width), interval])
     rooms = [paragraph(f"Each record's room: {line}.", "note") for line in room_line(diagnosis)]
     doubts = [paragraph("Doubtful:"), bullets(plate.doubts)] if plate.doubts else []
     return [section(f"The plate ({plate.kind})", table(["parameter", "value", "95 % interval"], rows), *rooms, *doubts)]
@@ -154,7 +151,7 @@ def _plate(diagnosis: Diagnosis) -> list[str]:
 
 def _changes(diagnosis: Diagnosis) -> list[str]:
     """What each effect is, in words."""
-    known = diagnosis.chain.effects
+    known = diagnosis.search.known
     found = [known[f.name] for f in diagnosis.findings if f.name in known]
     words = [f"{effect.name} ({effect.link}): {effect.changes}." for effect in found]
     if not words:
@@ -170,7 +167,7 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
 
 def _left(diagnosis: Diagnosis) -> list[str]:
     left = left_over(diagnosis)
-    parts = [bullets(left)] if left else [paragraph(nothing_left(diagnosis))]
+    parts = [bullets(left)] if left else [paragraph("Nothing is left beyond the noise.")]
     warnings = [f"Warning, {w.code.replace('_', ' ')}: {warning_line(diagnosis, w)}" for w in diagnosis.warnings]
     if warnings:
         parts.append(bullets(warnings))
@@ -179,46 +176,13 @@ def _left(diagnosis: Diagnosis) -> list[str]:
     return parts
 
 
-def alternatives(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
-    """(channel, effects, log-likelihood less than that of the verdict) of the other sets that were fitted."""
-    chain, names = diagnosis.chain, diagnosis.judged.fitted
-    upstream, downstream = chain.split(names)
-    temperature, film = (what for what, _ in channels_of(diagnosis).values())
-    found = []
-    if chain.first is not None:
-        own = chain.first.fit(upstream).minus_log
-        others = {s: f.minus_log - own for s, f in chain.first.fits.items() if s != upstream}
-        found += [(temperature, s, behind) for s, behind in others.items()]
-    if chain.record.output is not None:
-        search = chain.last(upstream)
-        score = search.fit(downstream).score
-        others = {s: score - f.score for s, f in search.fits.items() if s != downstream}
-        found += [(film, s, behind) for s, behind in others.items()]
-    return [(what, listed(sorted(s)) if s else "none", behind) for what, s, behind in found]
-
-
-def behind_the_verdict(behind: float) -> str:
-    """A log-likelihood that a set of effects is behind in words: 12.3, as good, better by 2.1."""
-    tenths = round(behind, 1)
-    if tenths == 0.0:
-        return "as good"
-    return f"{tenths:,.1f}" if tenths > 0.0 else f"better by {-tenths:.1f}"
-
-
 def _runners_up(diagnosis: Diagnosis) -> list[str]:
-    others, parts = alternatives(diagnosis), []
-    for what, _ in channels_of(diagnosis).values():
-        mine = sorted((o for o in others if o[0] == what and o[2] > -SLIGHTLY), key=lambda o: o[2])
-        if not mine:
-            continue
-        bare = [o for o in mine if o[1] == "none"]
-        chosen = mine[:RUNNERS_UP] + [o for o in bare if o not in mine[:RUNNERS_UP]]
-        rows = [[name, behind_the_verdict(behind)] for _, name, behind in chosen]
-        parts.append(paragraph(f"{what}:"))
-        parts.append(table(["effects", "log-likelihood behind the verdict"], rows))
-    note = (
-        "Sets of effects that were fitted to the end in place of those named. One with more effects may fit slightly "
-        "better; an effect is named only where it brings more than what clean records show. Sets that fit far better "
-        'are under "Found, and not named", where they predict held-out rows better, too.'
-    )
-    return [*parts, paragraph(note, "note")] if parts else [paragraph("No other set of effects was worth a fit.")]
+    """A table of the other sets that were fitted, the likeliest first."""
+    search, names = diagnosis.search, frozenset(e.name for e in diagnosis.fit.effects)
+    best = search.value(diagnosis.fit)
+    behind = [(best - search.value(fit), key) for key, fit in search.table.items() if key != names]
+    if not behind:
+        return [paragraph("No other set of effects was worth a fit.")]
+    rows = [[", ".join(sorted(key)) or "none", f"{less:,.1f}"] for less, key in sorted(behind, key=lambda e: e[0])]
+    note = "Log-likelihood less the price of the effects' parameters; the set that is named has the largest."
+    return [table(["effects", "behind the named set"], rows[:RUNNERS_UP]), paragraph(note, "note")]

@@ -17,8 +17,9 @@ from rig.report.figures import COLOURS, EDGE, GREEN, draw_line, grid, legend_abo
 from rig.report.page import figure
 
 if TYPE_CHECKING:
-    from sim.diagnosis.data.record import Record
     from sim.diagnosis.result import Diagnosis
+    from sim.inference.joint import Fit
+    from sim.inference.record.record import Record
 
 BASE, EXTENDED, NOISE = EDGE, COLOURS["model"], GREEN
 MOST_DOTS = 4000  # more hide each other, and make the page slow
@@ -53,22 +54,11 @@ def _scale(size: float) -> tuple[float, str]:
     return (1e3, "m") if size < MILLI else (1.0, "")
 
 
-def shown(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
-    """What the model with these effects shows in every row, by channel; of a resistance -log10 R, or log10 R."""
-    first, last = diagnosis.chain.fits(names)
-    out: dict[str, Array] = {}
-    if first is not None:
-        out["temperature_K"] = first.shown_degC
-    if last is not None:
-        out[diagnosis.record.quantity.channel] = last.shown
-    return out
-
-
-def residuals(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
+def residuals(diagnosis: Diagnosis, fit: Fit) -> dict[str, Array]:
     """Measured - model, in K and in decades of R or the film's own unit, nan where there is no reading; shape (rows,)
     each."""
     record, out = diagnosis.record, {}
-    for key, values in shown(diagnosis, names).items():
+    for key, values in diagnosis.shown(fit).items():
         if key == "temperature_K":
             out[key] = np.where(record.temperature_used, residual(record.temperature_degC, values), np.nan)
         elif record.output is not None:
@@ -90,7 +80,7 @@ def drawn_course(diagnosis: Diagnosis) -> Figure:
     degC = np.where(record.temperature_used, record.temperature_degC, np.nan)
     courses: list[tuple[Array, str, str, Any]] = [(degC, COLOURS["measured"], "measured", "-")]
     for group, colour, name in _models(diagnosis):
-        courses.append((shown(diagnosis, group)["temperature_K"], colour, name, (0, (4, 2))))
+        courses.append((diagnosis.shown(group)["temperature_K"], colour, name, (0, (4, 2))))
     for values, colour, name, style in courses:
         draw_line(axes[0], record.time_s, values, breaks=_breaks(record), color=colour, label=name, linestyle=style)
     axes[0].set_ylabel("temperature / \N{DEGREE SIGN}C")
@@ -105,11 +95,14 @@ def drawn_course(diagnosis: Diagnosis) -> Figure:
     return fig
 
 
-def _models(diagnosis: Diagnosis) -> list[tuple[frozenset[str], str, str]]:
-    """The effects, colour and name of the models that are shown: the extended one, where it is another, too."""
-    assumed, fitted = diagnosis.chain.assumed, diagnosis.judged.fitted
-    models = [(assumed, BASE, "base model"), (fitted, EXTENDED, "extended model")]
-    return models if fitted != assumed else [(assumed, EXTENDED, "model")]
+def _models(diagnosis: Diagnosis) -> list[tuple[Fit, str, str]]:
+    """The fit, colour and name of the models that are shown: the extended one, where it is another, too."""
+    models = [(diagnosis.base, BASE, "base model"), (diagnosis.fit, EXTENDED, "extended model")]
+    return models if _extends(diagnosis) else [(diagnosis.fit, EXTENDED, "model")]
+
+
+def _extends(diagnosis: Diagnosis) -> bool:
+    return diagnosis.fit.effects != diagnosis.base.effects
 
 
 def _breaks(record: Record) -> list[int]:
@@ -119,8 +112,7 @@ def _breaks(record: Record) -> list[int]:
 
 def residual_figures(folder: Path, diagnosis: Diagnosis) -> list[str]:
     """Residuals against time, temperature, rate and what drove, a figure for each channel."""
-    names = diagnosis.judged.fitted
-    before, after = residuals(diagnosis, diagnosis.chain.assumed), residuals(diagnosis, names)
+    before, after = residuals(diagnosis, diagnosis.base), residuals(diagnosis, diagnosis.fit)
     against = _against(diagnosis)
     return [_residual(folder, diagnosis, against, key, before[key], after[key]) for key in after]
 
@@ -182,7 +174,7 @@ def _residual(
     scale, prefix = _scale(spread)
     good = np.flatnonzero(np.isfinite(before) & np.isfinite(after))
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
-    same = diagnosis.judged.fitted == diagnosis.chain.assumed
+    same = not _extends(diagnosis)
     sets = [(before, BASE, 2.2, "base model")] + ([] if same else [(after, EXTENDED, 1.6, "extended")])
     limit = 1.3 * scale * spread
     beyond = 0
@@ -218,17 +210,16 @@ def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
 
 def drawn_loop(diagnosis: Diagnosis) -> Figure:
     """The same, not yet in a file."""
-    record, names = diagnosis.record, diagnosis.judged.fitted
+    record = diagnosis.record
     assert record.output is not None
     fig, axes = grid(1, 2, 3.6)
-    path = diagnosis.chain.last(diagnosis.chain.split(names)[0]).channel.path
-    temperature = path.at(record.time_s)
+    temperature = diagnosis.fit.at.run.path.at(record.time_s)
     good = np.flatnonzero(record.output_used)
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
     read = record.output_used & np.isfinite(temperature)
     panels = _models(diagnosis)
     for axis, (group, colour, name) in zip(axes[0], panels, strict=False):
-        modelled = shown(diagnosis, group)[record.quantity.channel]
+        modelled = diagnosis.shown(group)[record.quantity.channel]
         measured, model = (record.quantity.values(v) for v in (record.output, modelled))
         dots = {"markersize": 2, "color": COLOURS["measured"], "rasterized": True, "label": "measured"}
         axis.plot(temperature[index], measured[index], ".", **dots)

@@ -1,213 +1,261 @@
-"""A diagnosis in words: the verdict in one sentence, each effect with its parameters, what is left, what to do next."""
+"""A diagnosis in words, once for terminal, page, notebook and model file: the verdict, what is named, what is left."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sim.diagnosis.data.rough_number import rough
+from sim.diagnosis.result import Channel, rough
+from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
 
 if TYPE_CHECKING:
-    from sim.diagnosis.report.candidates import Candidate
-    from sim.diagnosis.report.upper_limits import UpperLimit
-    from sim.diagnosis.result import Channel, Diagnosis, Finding
+    from sim.diagnosis.result import Candidate, Caution, Diagnosis, Finding, Sizes, UpperLimit
 
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
-EXACT = 1e-5  # of a value: an interval that is narrower is told by its digits
+EXACT = 1e-5  # of a value: of an interval that is narrower its digits are given
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
-PERCOLATES = 0.25  # percolation from which a film is told to percolate: half as steep as an effective medium
+OFF = 1.3  # times the noise, from which the error in held-out rows is said to be larger: noise alone gives 0.9 to 1.1
+MOST_NAMED = 4  # records in a title
 NOT_FIXED = "not fixed by this record"
-BETWEEN_ROWS = "the film between two of them may do what any effect of film or ohmmeter does"
+SATURATED = "heat_sink_saturated"
+SHARE = "share_of_full_drive"
+UNITS = {  # endings of parameters' names
+    "_K_per_h": "K/h",
+    "_K_per_W": "K/W",
+    "_per_K3_s": "1/(K\N{SUPERSCRIPT THREE} s)",
+    "_per_A_s": "1/(A s)",
+    "_K_per_A2_s": "K/(A\N{SUPERSCRIPT TWO} s)",
+    "_K_per_s": "K/s",
+    "_per_K": "1/K",
+    "_per_s": "1/s",
+    "_degC": "\N{DEGREE SIGN}C",
+    "_ohm": "ohm",
+    "_dec": "decades",
+    "_K": "K",
+    "_A": "A",
+    "_s": "s",
+}
 
 
-def channels_of(diagnosis: Diagnosis) -> dict[str, tuple[str, str]]:
-    """(what, unit) of the temperature and of the film's output, by their keys in the diagnosis."""
-    film = diagnosis.record.quantity
-    return {"temperature_K": ("temperature", "K"), film.channel: (film.called, film.unit)}
+def lines(diagnosis: Diagnosis) -> list[str]:
+    """Return what `peltier diagnose` prints, a line for each thing."""
+    out = [sentence(diagnosis), *(f"  assumed: {text}" for text in assumed_lines(diagnosis))]
+    for f in by_gain(diagnosis):
+        other = f"; or {listed(f.indistinguishable_from, 'or')}" if f.indistinguishable_from else ""
+        evidence = f"log-likelihood gain {f.evidence:,.0f}, false alarms at most {f.false_alarm:.2g}"
+        out.append(f"  {f.name}: {parameters(f)}; {evidence}{other}")
+    if diagnosis.record.joined.size:
+        out += [f"record: {text}" for text in record_lines(diagnosis)]
+    out += [error_line(*one) for one in judged_channels(diagnosis)]
+    out += [f"held-out record: {text}" for text in held_out_lines(diagnosis)]
+    out += plate_lines(diagnosis)
+    out += [f"rooms: {text}" for text in room_line(diagnosis)]
+    if diagnosis.film is not None:
+        out.append(f"film: {film_words(diagnosis.film)}")
+    out += [f"not named: {text}" for text in not_named(diagnosis)]
+    out += limit_lines(diagnosis)
+    out += [f"left over: {text}" for text in left_over(diagnosis)]
+    out += [f"warning: {warning_line(diagnosis, caution)}" for caution in diagnosis.warnings]
+    return out + [f"next: {text}" for text in diagnosis.next_experiment]
 
 
-def file_names(sources: list[str]) -> list[str]:
-    """Files without their folders; with them where names are alike."""
-    short = [Path(source).name for source in sources]
-    return short if len(set(short)) == len(short) else sources
+def sentence(diagnosis: Diagnosis) -> str:
+    """Return the verdict: what matters most first."""
+    first = [f"{_capital(warning_line(diagnosis, w))}. " for w in diagnosis.warnings if w.code == SATURATED][:1]
+    if diagnosis.worse_elsewhere:
+        first.append(
+            "The extended model predicts the held-out record worse than the base model, which is the model written. "
+        )
+    names = [named(f, diagnosis) for f in by_gain(diagnosis)]
+    left = "; ".join(left_over(diagnosis))
+    if diagnosis.verdict == "too_short":
+        text = "Too few rows: between two of them the film may do what any effect of film or ohmmeter does"
+        text += f"; {left}." if left else "."
+    elif diagnosis.verdict == "clean":
+        text = f"Clean: no effect is seen, and nothing is left beyond the noise{_unseen(diagnosis)}."
+    elif diagnosis.verdict == "explained":
+        text = f"Explained: {listed(names)}. Nothing else is left beyond the noise."
+    elif left:
+        text = f"no effect of the catalogue explains what is left over ({left})"
+        text = f"Partly unexplained: {listed(names)}; besides, {text}." if names else f"Unexplained: {text}."
+    else:
+        text = f"Not confirmed: {listed(names)}."
+    return "".join([*first, text, _elsewhere(diagnosis)])
 
 
-def listed(words: list[str]) -> str:
-    """one, two and three."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+def by_gain(diagnosis: Diagnosis) -> list[Finding]:
+    """Return the findings, those that reduce an error most first."""
+
+    def reduction(f: Finding) -> float:
+        return max((1.0 - g.rmse_after / max(g.rmse_before, 1e-300) for g in f.gain.values()), default=0.0)
+
+    return sorted(diagnosis.findings, key=lambda f: (-round(reduction(f), 1), -f.evidence))
+
+
+def named(finding: Finding, diagnosis: Diagnosis) -> str:
+    """Return what an effect is, with its name and values, and what it cannot be distinguished from."""
+    values = ", ".join(quantity(name, value) for name, (value, _) in finding.parameters.items())
+    effect = diagnosis.search.known.get(finding.name)
+    text = f"{effect.changes} ({finding.name}, {values})" if effect is not None else f"{finding.name} ({values})"
+    if finding.indistinguishable_from:
+        text += f", which this record cannot distinguish from {listed(finding.indistinguishable_from, 'or')}"
+    return text
+
+
+def _unseen(diagnosis: Diagnosis) -> str:
+    """Return what may be there all the same, of any typical size."""
+    names = [limit.name for limit in diagnosis.limits if limit.allows_all_typical]
+    return f"; {listed(names)} would not have shown in this record at a typical size" if names else ""
+
+
+def _elsewhere(diagnosis: Diagnosis) -> str:
+    """Return by how much held-out rows are missed, where nothing is left in the fitted ones."""
+    off = [
+        f"{what} by {rough(channel.rmse_extended / channel.noise)} times its noise"
+        for what, _, channel in judged_channels(diagnosis)
+        if channel.noise > 0.0 and channel.rmse_extended > OFF * channel.noise
+    ]
+    if not off or any(text is not None for text in diagnosis.unexplained.values()):
+        return ""
+    names = file_names([one.source for one in diagnosis.elsewhere])
+    which = f"in {listed(names)}" if names else "in held-out rows"
+    return f" The model is off {which}: {listed(off)}."
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def listed(words: Sequence[str], last: str = "and") -> str:
+    """Return one, two and three."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
 def number(value: float, width: float = 0.0) -> str:
-    """Four digits that matter, no needless exponent; more where an interval is so narrow that its ends would be alike.
-    width: of that interval."""
+    """Return a number with four digits that matter, more where an interval (of this width) is so narrow that its ends
+    would be alike."""
     digits = DIGITS
     if 0.0 < width < abs(value):
         digits = min(max(DIGITS, math.ceil(math.log10(abs(value) / width)) + 1), MOST_DIGITS)
     return f"{value:.{digits}g}"
 
 
+def split_unit(name: str) -> tuple[str, str]:
+    """Return (what, unit) of a parameter's name: ("tau", "s") of tau_s, ("share", "") of share."""
+    for ending, unit in UNITS.items():
+        if name.endswith(ending):
+            return name.removesuffix(ending).replace("_", " "), unit
+    return name.replace("_", " "), ""
+
+
+def quantity(name: str, value: float) -> str:
+    """Return a parameter with its value and unit: tau 2.27 s."""
+    what, unit = split_unit(name)
+    return f"{what} {value:.3g} {unit}".rstrip()
+
+
 def parameter(name: str, value: float, interval: tuple[float, float] | None) -> str:
-    """tau_s 2.27 (2.25 to 2.29); without an interval it is one that the record does not fix. An interval whose ends
-    would say nothing more is told by its digits: step_K 0.25 (to 6 digits)."""
+    """Return a parameter with its 95 % interval: tau 2.27 s (2.25 to 2.29). An interval whose ends would say nothing
+    more is given by its digits: step 0.25 K (to 6 digits)."""
+    what, unit = split_unit(name)
     if interval is None:
-        return f"{name} {number(value)} ({NOT_FIXED})"
+        return f"{what} {number(value)} {unit}".rstrip() + f" ({NOT_FIXED})"
     low, high = interval
     if 0.0 < high - low < EXACT * abs(value):
         digits = min(math.floor(math.log10(2.0 * abs(value) / (high - low)) + 0.01), MOST_DIGITS)
-        return f"{name} {value:.{digits}g} (to {digits} digits)"
-    value_text, *ends = (number(each, high - low) for each in (value, low, high))
-    return f"{name} {value_text} ({ends[0]} to {ends[1]})"
+        return f"{what} {value:.{digits}g} {unit}".rstrip() + f" (to {digits} digits)"
+    text, *ends = (number(each, high - low) for each in (value, low, high))
+    return f"{what} {text} {unit}".rstrip() + f" ({ends[0]} to {ends[1]})"
 
 
 def parameters(finding: Finding, between: str = ", ") -> str:
-    """All parameters of an effect with their 95 % intervals; of one that has a choice of values the value alone."""
+    """Return all parameters of an effect; of one that has a choice of values the value alone."""
     chosen = chosen_parameters(finding)
     return between.join(
-        f"{name} {number(value)}" if name in chosen else parameter(name, value, ci)
+        quantity(name, value) if name in chosen else parameter(name, value, ci)
         for name, (value, ci) in finding.parameters.items()
     )
 
 
 def chosen_parameters(finding: Finding) -> set[str]:
-    """Those that have a choice of values, and so no interval."""
+    """Return the names of those that have a choice of values, and so no interval."""
     from sim.effects.catalogue import catalogue
 
-    return {p.name for p in catalogue()[finding.name].parameters if p.choices}
+    effect = catalogue().get(finding.name)
+    return set() if effect is None else {p.name for p in effect.parameters if p.choices}
 
 
-def named(finding: Finding) -> str:
-    """The effect with its values, and what it cannot be distinguished from."""
-    values = ", ".join(f"{name} {value:.3g}" for name, (value, _) in finding.parameters.items())
-    text = f"{finding.name} ({values})"
-    if finding.indistinguishable_from:
-        text += f", which this record cannot distinguish from {listed(finding.indistinguishable_from)}"
-    return text
+def channels_of(diagnosis: Diagnosis) -> dict[str, tuple[str, str]]:
+    """Return (what, unit) of the temperature and of the film's output, by their keys in the diagnosis."""
+    film = diagnosis.record.quantity
+    return {"temperature_K": ("temperature", "K"), film.channel: (film.called, film.unit)}
 
 
 def judged_channels(diagnosis: Diagnosis) -> list[tuple[str, str, Channel]]:
-    """(what, unit, channel) of each channel that the record has."""
+    """Return (what, unit, channel) of each channel that the record has."""
     found = []
     for key, (what, unit) in channels_of(diagnosis).items():
-        channel = diagnosis.channels[key]
+        channel = diagnosis.channels.get(key)
         if channel is not None:
             found.append((what, unit, channel))
     return found
 
 
-def left_over(diagnosis: Diagnosis) -> list[str]:
-    """What is left in each channel, as the JSON has it."""
-    left = diagnosis.left
-    return [f"{what}: {left[key]}" for key, (what, _) in channels_of(diagnosis).items() if left[key] is not None]
-
-
-def nothing_left(diagnosis: Diagnosis) -> str:
-    """What is said where nothing is left."""
-    nothing = "Nothing is left beyond the noise"
-    if diagnosis.verdict == "too_short":
-        return f"{nothing} in the rows that there are; {BETWEEN_ROWS}."
-    return f"{nothing}."
-
-
-def sentence(diagnosis: Diagnosis) -> str:
-    """The verdict."""
-    from sim.diagnosis.result import ONLY_UNSEEN, SHORTFALL
-
-    names_of = channels_of(diagnosis)
-    left = [f"{names_of[key][0]}: {text}" for key, text in diagnosis.unexplained.items() if text is not None]
-    names = [named(f) for f in diagnosis.findings]
-    rest = f"something is left that no effect of the catalogue explains ({'; '.join(left)})"
-    if all(text is None or text.startswith(ONLY_UNSEEN) for text in diagnosis.unexplained.values()):
-        rest = f"{'; '.join(left)}, though nothing is left in the fitted rows: what was fitted {SHORTFALL}"
-    nothing = f"nothing is left beyond the noise{_own_steps(diagnosis)}"
-    if diagnosis.missed:
-        nothing += " in the fitted rows"
-    if diagnosis.verdict == "clean":
-        return f"Clean: no effect is seen, and {nothing}{_unseen(diagnosis)}.{_elsewhere(diagnosis)}"
-    if diagnosis.verdict == "explained":
-        these = "them" if len(names) > 1 else "it"
-        return f"Explained: {listed(names)}; with {these} {nothing}.{_elsewhere(diagnosis)}"
-    if diagnosis.verdict == "too_short" and not left:
-        return f"Too few rows: {BETWEEN_ROWS}; none was looked for."
-    if diagnosis.verdict == "too_short":
-        return f"Too few rows: what is left may be the film between two of them ({'; '.join(left)}); none is blamed."
-    if diagnosis.verdict == "partly_unexplained":
-        return f"Partly unexplained: {listed(names)}; besides, {rest}."
-    return f"Unexplained: {rest}; none is blamed."
-
-
-def _elsewhere(diagnosis: Diagnosis) -> str:
-    """Where held-out rows are missed: whether the verdict holds for them too, but for what their first rows leave open,
-    or for the fitted rows alone."""
-    if not diagnosis.missed:
-        return ""
-    names_of, names = channels_of(diagnosis), file_names([held.source for held in diagnosis.elsewhere])
-    which = f"the held-out record{'s' * (len(names) > 1)} {listed(names)}" if names else "the held-out rows"
-    off = "; ".join(f"{names_of[key][0]} is {text}" for key, text in diagnosis.missed.items())
-    if all(diagnosis.open_at_first(key) for key in diagnosis.missed):
-        own = "of a room, of first temperatures and of a memory"
-        return f" It holds for {which} too, but for what first rows leave open {own}: {off} there."
-    return f" That holds for what was fitted, not for {which}: {off} there."
-
-
-def _own_steps(diagnosis: Diagnosis) -> str:
-    """What counts as the film's own beside the noise, where it switches in steps."""
-    domains, unit = (diagnosis.film or {}).get("domains"), diagnosis.record.quantity.unit
-    if domains is None:
-        return ""
-    return f" and what counts as the film's own steps ({rough(domains[f'own_{unit}'])} {unit} RMS)"
-
-
-def _unseen(diagnosis: Diagnosis) -> str:
-    """What may be there all the same, of any usual size."""
-    names = [limit.name for limit in diagnosis.limits if limit.allows_all_met]
-    return f"; {listed(names)} would not have shown in this record at a usual size" if names else ""
-
-
-def gain_line(what: str, unit: str, channel: Channel) -> str:
-    """Held-out error before and after beside the noise."""
-    besides = ""
-    if channel.leaves_open:
-        besides = f", {number(channel.expected)} {unit} with what this record leaves open"
+def error_line(what: str, unit: str, channel: Channel) -> str:
+    """Return the errors in held-out rows beside the noise."""
     return (
-        f"{what}: {number(channel.rmse_base)} {unit} before, {number(channel.rmse_extended)} {unit} after, "
-        f"noise {number(channel.noise)} {unit}{besides} ({channel.samples_holdout} held-out rows)"
+        f"{what}: error in {channel.samples_holdout} held-out rows {number(channel.rmse_extended)} {unit}, of the base "
+        f"model {number(channel.rmse_base)} {unit}; noise {number(channel.noise)} {unit}"
     )
 
 
+def left_over(diagnosis: Diagnosis) -> list[str]:
+    """Return what is left in each channel."""
+    return [
+        f"{what}: {diagnosis.unexplained[key]}"
+        for key, (what, _) in channels_of(diagnosis).items()
+        if diagnosis.unexplained.get(key) is not None
+    ]
+
+
+def film_words(film: Mapping[str, Any]) -> str:
+    """Return the film's form in words."""
+    kind = "Prandtl-Ishlinskii film" if film["of_the_class"] else "Preisach film"
+    text = f"{kind}, D(T): {film['memoryless']}, {film['operators']} operators with weight"
+    further = film.get("further_records", 0)
+    return f"{text}; fitted to this record and to {further} earlier ones" if further else text
+
+
 def candidate_set(candidate: Candidate, named: frozenset[str]) -> str:
-    """What a set of effects has that is not named, beside what of those named, and without which of them: it was fitted
-    in their place, so that an effect that is named may have another size in it."""
-    sizes = {
-        name: ", ".join(f"{p} {value:.3g}" for p, value in own.items()) for name, own in candidate.parameters.items()
-    }
-    text = "; ".join(f"{name} ({sizes[name]})" for name in sizes if name not in named) or "fewer effects"
-    if beside := [f"{name} (named above, here with {sizes[name]})" for name in sizes if name in named]:
-        text += f", beside {listed(beside)}"
-    if without := sorted(named - sizes.keys()):
+    """Return the effects of a set that is not named: those that are new, and what it has or lacks of those named."""
+    of = {name: ", ".join(quantity(p, v) for p, (v, _) in own.items()) for name, own in candidate.parameters.items()}
+    text = "; ".join(f"{name} ({of[name]})" for name in of if name not in named) or "fewer effects"
+    if beside := [f"{name} (named above, here with {of[name]})" for name in of if name in named]:
+        text += f", together with {listed(beside)}"
+    if without := sorted(named - of.keys()):
         text += f", without {listed(without)}"
     return text
 
 
 def not_named(diagnosis: Diagnosis) -> list[str]:
-    """Sets of effects that predict held-out rows better than what is named, and why they are not named."""
-    found = []
+    """Return the sets of effects that predict held-out rows better than what is named, and why they are not named."""
+    found, names = [], frozenset(f.name for f in diagnosis.findings)
     for c in diagnosis.candidates:
-        gains = ", ".join(
+        gains = [
             f"{what} {number(c.rmse_named[key])} to {number(c.rmse_holdout[key])} {unit} "
             f"({100.0 * c.reduction_ci95[key][0]:.0f} to {100.0 * c.reduction_ci95[key][1]:.0f} % less)"
             for key, (what, unit) in channels_of(diagnosis).items()
             if key in c.rmse_named and c.rmse_holdout[key] < LESS * c.rmse_named[key]
-        )
-        found.append(
-            f"{candidate_set(c, diagnosis.judged.fitted)}: {gains} on held-out rows. Not named: {c.why_not_named}"
-        )
+        ]
+        errors = f"error in held-out rows: {', '.join(gains)}. " if gains else ""
+        found.append(f"{candidate_set(c, names)}: {errors}Not named: {c.why_not_named}")
     return found
 
 
 def plate_lines(diagnosis: Diagnosis) -> list[str]:
-    """The plate's numbers with their intervals in a line, and what is doubtful of them in a line each."""
+    """Return the plate's numbers with their intervals in a line, and a line for each doubt."""
     if diagnosis.plate is None:
         return []
     values = [parameter(name, value, ci) for name, (value, ci) in diagnosis.plate.parameters.items()]
@@ -215,72 +263,128 @@ def plate_lines(diagnosis: Diagnosis) -> list[str]:
 
 
 def assumed_lines(diagnosis: Diagnosis) -> list[str]:
-    """The effects that were assumed, with their parameters."""
-    return [
-        f"{effect}: {', '.join(_assumed(name, value, ci) for name, (value, ci) in own.items())}"
-        for effect, own in diagnosis.assumed.items()
-    ]
+    """Return the effects that were assumed, with their parameters; one that was given has no interval."""
 
+    def own(sizes: Sizes) -> Iterable[str]:
+        return (quantity(name, v) if ci is None else parameter(name, v, ci) for name, (v, ci) in sizes.items())
 
-def _assumed(name: str, value: float, interval: tuple[float, float] | None) -> str:
-    """One that was given has no interval."""
-    return f"{name} {number(value)}" if interval is None else parameter(name, value, interval)
+    return [f"{effect}: {', '.join(own(sizes))}" for effect, sizes in diagnosis.assumed.items()]
 
 
 def limit_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
-    """(effect, the sizes that the record still allows, the usual sizes) of each effect that is not named."""
-    return [(limit.name, _allowed(limit), _usual(limit)) for limit in diagnosis.limits]
+    """Return (effect, the sizes that the record still allows, the typical range) of each effect that is not named."""
+    return [(limit.name, _allowed(limit), _typical(limit)) for limit in diagnosis.limits]
 
 
-def _usual(limit: UpperLimit) -> str:
-    """The usual sizes; none of an effect whose sizes are in a unit that the record does not have."""
-    return "\N{EN DASH}" if limit.met is None else f"{rough(limit.met[0])} to {rough(limit.met[1])}"
+def _typical(limit: UpperLimit) -> str:
+    dash = "\N{EN DASH}"
+    return dash if limit.typical is None else f"{rough(limit.typical[0])} to {rough(limit.typical[1])}"
 
 
 def _allowed(limit: UpperLimit) -> str:
-    """The sizes that the record still allows: tau_s below 0.62."""
+    """Return the sizes that the record still allows: tau below 0.62 s."""
+    what, unit = split_unit(limit.parameter)
     if limit.limit is None:
-        return f"{limit.parameter} any"
-    return f"{limit.parameter} {'above' if limit.from_below else 'below'} {rough(limit.limit)}"
+        return f"{what} any"
+    return f"{what} {'above' if limit.from_below else 'below'} {rough(limit.limit)} {unit}".rstrip()
 
 
 def limit_lines(diagnosis: Diagnosis) -> list[str]:
-    """What the record excludes whole, what it allows up to a size, and what may be there in any usual size. An effect
-    that may be there instead of one that is named is excluded beside that one only, and is listed there."""
+    """Return which effects the record excludes, which it allows up to a size, and which may be there in any typical
+    size. An effect that may stand in for a named one is listed there."""
     kinds: dict[str, list[str]] = {
-        "not there, in any usual size (at 95 %)": [],
+        "excluded in any typical size (at 95 %)": [],
         "not seen, and at 95 % no larger than": [],
-        "would not have shown at a usual size": [],
+        "would not have shown in any typical size": [],
     }
     whole, to_a_size, unseen = kinds.values()
     instead = {name for finding in diagnosis.findings for name in finding.indistinguishable_from}
     for limit in diagnosis.limits:
         if limit.name in instead:
             continue
-        kind = whole if limit.excludes_all_met else unseen if limit.allows_all_met else to_a_size
+        kind = whole if limit.excludes_all_typical else unseen if limit.allows_all_typical else to_a_size
         kind.append(limit.name if limit.limit is None else f"{limit.name} ({_allowed(limit)})")
     return [f"{what}: {'; '.join(names)}" for what, names in kinds.items() if names]
 
 
-def told_by(film: Mapping[str, Any]) -> str:
-    """Which records the film's model comes from, where it is not this one alone."""
-    further = film.get("further_records", 0)
-    return f"; told by this record and {further} before it" if further else ""
+def file_names(sources: list[str]) -> list[str]:
+    """Return files without their folders; with them where names are alike."""
+    short = [Path(source).name for source in sources]
+    return short if len(set(short)) == len(short) else sources
 
 
-def mixing_in_words(diagnosis: Diagnosis) -> str:
-    """How the film's phases add up where it is not in their logarithms; empty where it is."""
-    found = (diagnosis.film or {}).get("mixing")
-    if not found:
-        return ""
-    values = ", ".join(f"{name} {rough(each['value'])}" for name, each in found.items())
-    exponent, percolation = (found[name]["value"] for name in ("exponent", "percolation"))
-    sharpness = math.hypot(exponent, math.sqrt(percolation))
-    how = "a power mean of resistances"
-    meaning = "exponent -1: domains in parallel, 0: logarithms add, 1: in series"
-    if percolation >= PERCOLATES:
-        how, threshold = "an effective medium", 0.5 * (1.0 + exponent / sharpness)
-        meaning = f"its metal percolates at a share of about {threshold:.1g}, with a critical exponent of about "
-        meaning += f"{1.0 / sharpness:.1g}"
-    left_out = "model files leave out that the step between the phases changes"
-    return f"its phases mix about as {how} ({values}; {meaning}); {left_out}"
+def together(diagnosis: Diagnosis) -> str:
+    """Return the files that were diagnosed in a line: of many the first ones, and how many more."""
+    names = file_names(list(diagnosis.sources))
+    more = len(names) - MOST_NAMED
+    return listed([*names[:MOST_NAMED], f"{more} more"] if more > 0 else names)
+
+
+def record_lines(diagnosis: Diagnosis) -> list[str]:
+    """Return the rows of each record: how many, over how long, how far apart, with how many gaps."""
+    record, found = diagnosis.record, []
+    names = file_names(list(diagnosis.sources)) if record.joined.size else list(diagnosis.sources)
+    for name, part in zip(names, record.parts, strict=True):
+        time = record.file_s[part]
+        length_s = float(time[-1] - time[0])
+        length = f"{length_s / 3600.0:.2g} h" if length_s >= 3600.0 else f"{length_s:.0f} s"
+        gaps = record.gaps_in(part).size
+        text = f"{name}: {time.size} rows over {length}, one every {record.interval_of(part):.3g} s"
+        found.append(f"{text}, {gaps} gap{'s' * (gaps > 1)}" if gaps else text)
+    return found
+
+
+def room_line(diagnosis: Diagnosis) -> list[str]:
+    """Return each record's room where there are several; of one it is among the plate's numbers."""
+    rooms = diagnosis.rooms_degC
+    if len(rooms) < 2:
+        return []
+    names = file_names(list(diagnosis.sources))
+    return [", ".join(f"{name} {number(room)} \N{DEGREE SIGN}C" for name, room in zip(names, rooms, strict=True))]
+
+
+def held_out_lines(diagnosis: Diagnosis) -> list[str]:
+    """Return the errors of extended and base model on each of the other records, and the room fitted there."""
+    found = []
+    for name, other in zip(file_names([one.source for one in diagnosis.elsewhere]), diagnosis.elsewhere, strict=True):
+        errors = []
+        for key, (what, unit) in channels_of(diagnosis).items():
+            if key in other.errors:
+                base, extended, rows = other.errors[key]
+                errors.append(f"{what} {number(extended)} {unit}, base model {number(base)} {unit} ({rows} rows)")
+        if other.ambient_degC is not None:
+            errors.append(f"room {number(other.ambient_degC)} \N{DEGREE SIGN}C")
+        found.append(f"{name}: {'; '.join(errors)}")
+    return found
+
+
+def warning_line(diagnosis: Diagnosis, caution: Caution) -> str:
+    """Return a warning, with its record, where there are several, and from when to when."""
+    of = "" if caution.record is None else f"{file_names(list(diagnosis.sources))[caution.record - 1]}: "
+    when = ""
+    if caution.from_s is not None and caution.to_s is not None:
+        when = f" (from {caution.from_s:.0f} to {caution.to_s:.0f} s)"
+    return f"{of}{caution.text}{when}"
+
+
+def model_comment(diagnosis: Diagnosis) -> str:
+    """Return what stands on top of the extended model's file: doubtful numbers, sizes that are not fixed."""
+    found = [f"extended model of the diagnosis of {together(diagnosis)}", *unit_lines(diagnosis)]
+    if diagnosis.worse_elsewhere:
+        found = [f"base model of the diagnosis of {together(diagnosis)}: it predicts the held-out record better"]
+    if diagnosis.plate is not None:
+        found += [f"plate: {doubt}" for doubt in diagnosis.plate.doubts]
+    for finding in diagnosis.findings:
+        if finding.name != MEMORYLESS_TERM:  # the film's, and no number of an effect
+            chosen = chosen_parameters(finding)
+            found += [
+                f"{finding.name}: {name}: {NOT_FIXED}"
+                for name, (_, interval) in finding.parameters.items()
+                if interval is None and name not in chosen
+            ]
+    return "\n".join(found)
+
+
+def unit_lines(diagnosis: Diagnosis) -> list[str]:
+    """Return the line that A stands for the full drive, where it does."""
+    return [warning.text for warning in diagnosis.warnings if warning.code == SHARE]

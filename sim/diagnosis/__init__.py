@@ -1,1 +1,1 @@
-"""What the simulation gets wrong, why, and what the repair gains."""
+"""The diagnosis of a record: what its simulation gets wrong, which effects explain that, what they gain."""

@@ -1,254 +1,286 @@
-"""What a diagnosis has found, and its JSON."""
+"""What a diagnosis has found, and its JSON (peltier-diagnosis/1)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from sim.diagnosis.data.record import Record
-from sim.diagnosis.data.rough_number import rough
-from sim.diagnosis.judge.verdict import Verdict
-from sim.diagnosis.report.candidates import Candidate
-from sim.diagnosis.report.caution import Caution
-from sim.diagnosis.report.plate_numbers import PlateNumbers
-from sim.diagnosis.report.upper_limits import UpperLimit
-from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.validate.gain import Gain
-from sim.diagnosis.validate.halves import Halves
+from compensator.hysteresis.functions import Array
+from sim.findings.held_out import simulated
+from sim.findings.search import Search
+from sim.inference.gain import Gain
+from sim.inference.joint import Fit
+from sim.inference.record.record import Mask, Record
 
-MORE = 1.1  # times the noise, from which what the record leaves open is said beside it
-NOISY = 1.3  # times what is foreseen of held-out rows, from which a fit that leaves nothing else does not carry over
-SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
-UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
-FIRST_ROWS = (
-    "what is a held-out record's own (its room, first temperatures and the film's memory) was fitted to its first "
-    "rows, which leave it open; fitted to all of its rows, these are off by"
-)
-ONLY_UNSEEN = "held-out rows are predicted"  # so begins what is left of a channel whose fitted rows leave nothing
+Interval = tuple[float, float]
+LARGEST_PLAIN = 1e8  # above, nobody counts the zeros of a number in full
+Sizes = Mapping[str, tuple[float, Interval | None]]  # of an effect: parameters by name, with 95 % intervals
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One named effect: parameters by name with their 95 % intervals, evidence, its confounders, gain by
-    channel."""
+    """A named effect. evidence: log-likelihood that is lost without it; false_alarm: a bound of the share of records
+    without any effect that reach that for one; indistinguishable_from: effects that explain the record as well in its
+    place; gain: by channel."""
 
     name: str
-    parameters: dict[str, tuple[float, tuple[float, float] | None]]
+    parameters: Sizes
     evidence: float
     false_alarm: float
-    indistinguishable_from: list[str]
-    gain: dict[str, Gain]
+    indistinguishable_from: tuple[str, ...] = ()
+    gain: Mapping[str, Gain] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel: its instrument's noise, the held-out RMSE of the base and of the extended model, how many rows were
-    held; expected: RMSE with the true effects, the noise and what this record leaves open (a walk of the plate between
-    the rows, a film's steps, a film's course where the fitted rows never were); all_told: how many times that is missed
-    where what belongs to another record is fitted to all of its rows."""
+    """Noise of an instrument, and the errors of base and extended model in held-out rows."""
 
     noise: float
     rmse_base: float
     rmse_extended: float
     samples_holdout: int
-    expected: float
-    all_told: float
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set of effects that was found and is not named; its errors in held-out rows beside those of what is named."""
+
+    names: tuple[str, ...]
+    parameters: Mapping[str, Sizes]
+    rmse_named: Mapping[str, float]
+    rmse_holdout: Mapping[str, float]
+    reduction_ci95: Mapping[str, Interval]
+    why_not_named: str
+    fit: Fit = field(repr=False)
+
+
+@dataclass(frozen=True)
+class UpperLimit:
+    """The largest size of an effect that is not named (95 %). limit: in the parameter's unit, None if the record allows
+    any; from_below: the record excludes what is smaller (a leakage's resistance); typical: the typical range of sizes,
+    None where the record's unit is another."""
+
+    name: str
+    parameter: str
+    limit: float | None
+    from_below: bool
+    typical: Interval | None
 
     @property
-    def leaves_open(self) -> bool:
-        """Whether more than the noise is to be expected of held-out rows."""
-        return self.expected > MORE * self.noise
+    def allows_all_typical(self) -> bool:
+        """Return True if an effect of any typical size may be there, unseen."""
+        if self.limit is None or self.typical is None:
+            return self.limit is None
+        return self.limit <= self.typical[0] if self.from_below else self.limit >= self.typical[1]
 
     @property
-    def foreseen(self) -> str:
-        """What is expected of them, in words."""
-        return "the noise and what this record leaves open" if self.leaves_open else "the noise"
+    def excludes_all_typical(self) -> bool:
+        """Return True if an effect of every typical size would have shown."""
+        if self.limit is None or self.typical is None:
+            return False
+        return self.limit >= self.typical[1] if self.from_below else self.limit <= self.typical[0]
+
+
+@dataclass(frozen=True)
+class Caution:
+    """A warning. from_s, to_s: as the record's file has the time, None: all of it; record: its number among several,
+    from 1 on, None: all of them, or the only one."""
+
+    code: str
+    text: str
+    from_s: float | None = None
+    to_s: float | None = None
+    record: int | None = None
+
+
+@dataclass(frozen=True)
+class PlateNumbers:
+    """kind; parameters by the names of a model file, with 95 % intervals, None where the record does not fix one;
+    doubts: a line each, with what an experiment would need to settle it."""
+
+    kind: str
+    parameters: Sizes
+    doubts: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class HeldOutRecord:
-    """Another record: its source, and by channel the extended model's RMSE in those of its rows that judge, with how
-    many they are; none where its rows decide. ambient_degC: the room that its first rows tell; None without a plate."""
+    """Another record: its source, errors (RMSE of the base and of the extended model, rows) by channel, and the room
+    that was fitted to its first rows, None without a plate."""
 
     source: str
-    errors: dict[str, tuple[float, int]]
+    errors: Mapping[str, tuple[float, float, int]]
     ambient_degC: float | None = None
-
-    def document(self) -> dict[str, Any]:
-        """As in the JSON."""
-        channels = {name: {"rmse_extended": rmse, "samples_holdout": n} for name, (rmse, n) in self.errors.items()}
-        return {"source": self.source, "channels": channels, "ambient_degC": self.ambient_degC}
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
-    film's form, warnings, what to do next, the plate's numbers, what was found and is not named, how large what is not
-    named may be, the parameters of what was assumed, each record's room (of a record with a current); sources: of the
-    records; halves: of other records held out; elsewhere: the error on each of these; record and chain: for figures and
-    for the extended model; drive: the unit of a current that is a share of full drive, else None; not_believed:
-    readings that were left out where the records were read, as in the JSON. The keys of channels, gains and what is
-    left are "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
+    """Everything that a diagnosis has found.
+
+    verdict: clean, explained, partly_unexplained, unexplained or too_short. findings: the named effects, the most
+    evident first. channels and unexplained: by the keys of the JSON, "temperature_K" and the film's
+    (`Quantity.channel`). film: its form. candidates: found and not named. limits: of effects that are not named.
+    assumed: parameters of the effects that the user stated. record: as the fits took it. base, fit: the fits without
+    and with what was found; without: the fit without each named effect. elsewhere: other records; worse_elsewhere: the
+    extended model predicts them worse than the base model. sources: files of the records. drive: unit of a current
+    that is a share of full drive. not_believed: readings that were left out when the files were read.
+    """
 
     verdict: str
-    findings: list[Finding]
-    channels: dict[str, Channel | None]
-    unexplained: dict[str, str | None]
-    film: dict[str, Any] | None
-    warnings: list[Caution]
-    next_experiment: list[str]
-    record: Record
-    chain: Chain
-    judged: Verdict
+    findings: tuple[Finding, ...]
+    channels: Mapping[str, Channel | None]
+    unexplained: Mapping[str, str | None]
+    film: Mapping[str, Any] | None
+    warnings: tuple[Caution, ...]
+    next_experiment: tuple[str, ...]
     plate: PlateNumbers | None
-    candidates: list[Candidate]
-    limits: list[UpperLimit]
-    assumed: dict[str, dict[str, tuple[float, tuple[float, float] | None]]]
-    rooms_degC: list[float]
-    halves: Halves | None
-    sources: tuple[str, ...] = ()
+    candidates: tuple[Candidate, ...]
+    limits: tuple[UpperLimit, ...]
+    assumed: Mapping[str, Sizes]
+    record: Record
+    base: Fit
+    fit: Fit
+    without: Mapping[str, Fit]
+    search: Search
     elsewhere: tuple[HeldOutRecord, ...] = ()
+    worse_elsewhere: bool = False
+    sources: tuple[str, ...] = ()
     model: str | None = None
     drive: str | None = None
-    not_believed: tuple[dict[str, Any], ...] = ()
+    not_believed: tuple[Mapping[str, Any], ...] = ()
 
     @property
-    def left(self) -> dict[str, str | None]:
-        """By channel what is left, in words: what the verdict counts (`unexplained`); or, where that is nothing, by how
-        much held-out rows are missed. None: nothing."""
-        found = dict(self.unexplained)
-        for key, off in self.missed.items():
-            if found[key] is None:
-                found[key] = f"held-out rows are {off}: {self._why_missed(key)}"
-        return found
+    def rooms_degC(self) -> list[float]:
+        """Each record's room; none without a current."""
+        joint, x = self.fit.joint, self.fit.at.x
+        if not joint.driven:
+            return []
+        room = float(x[joint.place["ambient_degC"]])
+        others = range(1, len(joint.joined_anew))
+        return [room, *(room + float(x[joint.place[f"room_K.{k}"]]) for k in others)]
 
-    def open_at_first(self, key: str) -> bool:
-        """Whether a channel's held-out rows are missed by what their record's first rows leave open of what is its own
-        (room, first temperatures, memory), and met where that is fitted to all of its rows."""
-        channel = self.channels[key]
-        return key in self.missed and channel is not None and channel.all_told <= NOISY
-
-    def _why_missed(self, key: str) -> str:
-        channel = self.channels[key]
-        if self.record.early > 0.0:
-            return UNLOGGED
-        if channel is not None and self.open_at_first(key):
-            return f"{FIRST_ROWS} {rough(channel.all_told)} times {channel.foreseen}"
-        return f"what was fitted {SHORTFALL}"
-
-    @property
-    def missed(self) -> dict[str, str]:
-        """By channel, where held-out rows are missed by more than is foreseen: off by 2.4 times the noise. Where
-        currents were not logged, more than the noise alone, so that this is said."""
-        found = {}
-        for key, channel in self.channels.items():
-            if channel is None:
-                continue
-            foreseen, words = channel.expected, channel.foreseen
-            if self.record.early > 0.0:
-                foreseen, words = channel.noise, "the noise"
-            if channel.rmse_extended > NOISY * foreseen:
-                found[key] = f"off by {rough(channel.rmse_extended / foreseen)} times {words}"
-        return found
-
-    def _rows(self) -> dict[str, Any]:
-        """How many rows fitted, decided and judged, of the first fold where there are two; and which readings were left
-        out, by the number of their record and the time of its file. Of the record itself all rows are fitted where
-        others are held out; `held_out` then says which of their rows are in which half, `folds` how many of them decide
-        and judge."""
-        record = self.record
-        left_out = [
-            {
-                "record": record.number_of(row),
-                "time_s": float(record.file_s[row]),
-                "column": column,
-                "rule": rule,
-            }
-            for row, column, rule in record.left_out
-        ]
-        left_out += self.not_believed
-        fitted = int(np.sum(~record.held_out))
-        if self.halves is None:
-            deciding, judging = int(np.sum(record.deciding)), int(np.sum(record.judging))
-            return {"fitted": fitted, "deciding": deciding, "judging": judging, "left_out": left_out}
-        folds, held_out = self.halves.folds, self.halves.document()
-        return {"fitted": fitted, **folds[0], "left_out": left_out, "folds": folds, "held_out": held_out}
+    def shown(self, fit: Fit) -> dict[str, Array]:
+        """Return what a fit's simulation shows in every row, by channel: degC, and the film's output as the fits have
+        it."""
+        run, channels = simulated(fit), {}
+        if fit.joint.driven:
+            channels["temperature_K"] = run.run.shown_degC
+        if fit.joint.film is not None:
+            channels[self.record.quantity.channel] = run.shown_dec
+        return channels
 
     def document(self) -> dict[str, Any]:
-        """The JSON of `peltier diagnose`, format peltier-diagnosis/1."""
+        """The JSON of `peltier diagnose`."""
         rooms: Sequence[float | None] = self.rooms_degC or [None] * len(self.sources)
         return {
             "format": "peltier-diagnosis/1",
             "verdict": self.verdict,
-            "effects": [
-                {
-                    "name": f.name,
-                    "parameters": _values(f.parameters),
-                    "evidence": f.evidence,
-                    "false_alarm": f.false_alarm,
-                    "false_alarm_kind": "bound",
-                    "indistinguishable_from": f.indistinguishable_from,
-                    "gain": {
-                        channel: {
-                            "rmse_before": g.rmse_before,
-                            "rmse_after": g.rmse_after,
-                            "reduction_ci95": list(g.reduction_ci95),
-                        }
-                        for channel, g in f.gain.items()
-                    },
-                }
-                for f in self.findings
-            ],
-            "channels": {
-                name: None
-                if c is None
-                else {
-                    "noise": c.noise,
-                    "rmse_base": c.rmse_base,
-                    "rmse_extended": c.rmse_extended,
-                    "samples_holdout": c.samples_holdout,
-                }
-                for name, c in self.channels.items()
+            "effects": [_finding(f) for f in self.findings],
+            "channels": {key: None if c is None else dict(vars(c)) for key, c in self.channels.items()},
+            "unexplained": dict(self.unexplained),
+            "film": None if self.film is None else dict(self.film),
+            "plate": self.plate
+            and {
+                "kind": self.plate.kind,
+                "parameters": sizes(self.plate.parameters),
+                "doubts": list(self.plate.doubts),
             },
-            "unexplained": self.unexplained,
-            "left": self.left,
-            "film": self.film,
-            "plate": None if self.plate is None else self.plate.document(),
-            "assumed": [{"name": name, "parameters": _values(own)} for name, own in self.assumed.items()],
-            "candidates": [c.document() for c in self.candidates],
-            "upper_limits": [limit.document() for limit in self.limits],
+            "assumed": [{"name": name, "parameters": sizes(own)} for name, own in self.assumed.items()],
+            "candidates": [
+                {
+                    "names": list(c.names),
+                    "parameters": {name: sizes(own) for name, own in c.parameters.items()},
+                    "rmse_holdout": dict(c.rmse_holdout),
+                    "why_not_named": c.why_not_named,
+                }
+                for c in self.candidates
+            ],
+            "upper_limits": [
+                {"name": limit.name, "parameter": limit.parameter, "limit95": limit.limit} for limit in self.limits
+            ],
             "rows": self._rows(),
             "records": [
                 {"source": source, "ambient_degC": room} for source, room in zip(self.sources, rooms, strict=False)
             ],
-            "holdouts": [record.document() for record in self.elsewhere],
-            "warnings": [w.document() for w in self.warnings],
-            "next_experiment": self.next_experiment,
+            "holdouts": [
+                {
+                    "source": other.source,
+                    "channels": {
+                        key: {"rmse_base": base, "rmse_extended": extended, "samples_holdout": rows}
+                        for key, (base, extended, rows) in other.errors.items()
+                    },
+                    "ambient_degC": other.ambient_degC,
+                }
+                for other in self.elsewhere
+            ],
+            "warnings": [{key: getattr(w, key) for key in CAUTION_KEYS} for w in self.warnings],
+            "next_experiment": list(self.next_experiment),
             "model": self.model,
         }
 
+    def _rows(self) -> dict[str, Any]:
+        """How many rows were fitted, decided and judged, and which readings were left out, by the time of the file.
+        Held-out rows of the record itself decide which candidates are shown; other records, all of them, the verdict
+        and the model."""
+        record = self.record
+        left_out = [
+            {"record": record.number_of(out.row), "time_s": float(record.file_s[out.row])}
+            | {"column": out.column, "rule": out.rule}
+            for out in record.left_out
+        ]
+        deciding, judging = _count(record.deciding), _count(record.judging)
+        if self.elsewhere:
+            judging = sum(max(rows for _, _, rows in o.errors.values()) if o.errors else 0 for o in self.elsewhere)
+        return {
+            "fitted": _count(~record.held_out),
+            "deciding": deciding,
+            "judging": judging,
+            "left_out": [*left_out, *(dict(one) for one in self.not_believed)],
+        }
 
-def _values(parameters: Mapping[str, tuple[float, tuple[float, float] | None]]) -> dict[str, Any]:
-    """Parameters with their intervals, in JSON."""
+
+CAUTION_KEYS = ("code", "record", "from_s", "to_s", "text")
+
+
+def sizes(parameters: Sizes) -> dict[str, Any]:
+    """Return parameters with their intervals as the JSON has them."""
     return {
-        name: {"value": value, "ci95": list(ci) if ci is not None else None} for name, (value, ci) in parameters.items()
+        name: {"value": value, "ci95": None if ci is None else list(ci)} for name, (value, ci) in parameters.items()
     }
 
 
-def verdict_of(findings: list[Finding], unexplained: dict[str, str | None], sparse: bool = False) -> str:
-    """clean, explained, partly_unexplained or unexplained; too_short where nothing is named and nothing left but in the
-    film's channel, of a record too sparse to tell a film's flank or the turns of its temperature."""
-    if sparse and not findings and unexplained["temperature_K"] is None:
-        return "too_short"
-    left = any(text is not None for text in unexplained.values())
-    if findings:
+def _finding(f: Finding) -> dict[str, Any]:
+    return {
+        "name": f.name,
+        "parameters": sizes(f.parameters),
+        "evidence": f.evidence,
+        "false_alarm": f.false_alarm,
+        "false_alarm_kind": "bound",
+        "indistinguishable_from": list(f.indistinguishable_from),
+        "gain": {key: {**vars(g), "reduction_ci95": list(g.reduction_ci95)} for key, g in f.gain.items()},
+    }
+
+
+def _count(rows: Mask) -> int:
+    return int(np.sum(rows))
+
+
+def verdict_of(named: bool, left: bool) -> str:
+    """Return the verdict for whether effects are named, and whether residual structure is left."""
+    if named:
         return "partly_unexplained" if left else "explained"
     return "unexplained" if left else "clean"
 
 
 def with_model(diagnosis: Diagnosis, path: str) -> Diagnosis:
-    """The same, with the path of the extended model's file."""
+    """Return the diagnosis with the path of the extended model's file."""
     return replace(diagnosis, model=path)
+
+
+def rough(value: float) -> str:
+    """Return a number with the two digits that matter: 0.062, 2.4, 230; 4,700,000 in full."""
+    rounded = float(f"{value:.2g}")
+    return f"{rounded:,.0f}" if 100.0 <= abs(rounded) < LARGEST_PLAIN else f"{value:.2g}"

@@ -30,12 +30,13 @@ SMALLEST_SHARE: Final = 0.5  # of the smallest typical size, below which an effe
 @dataclass(frozen=True)
 class Start:
     """An effect (with the choice of its discrete parameters made) at a size; promised: gain of log-likelihood;
-    amplitude: how many times this size the score asks for."""
+    amplitude: how many times this size the score asks for; change: by how many deviations it changes the readings."""
 
     effect: Effect
     values: tuple[float, ...]
     promised: float = 0.0
     amplitude: float = 1.0
+    change: float = 0.0
 
     @property
     def free(self) -> int:
@@ -130,7 +131,8 @@ def scores(fit: Fit, effects: Sequence[Effect], metric: Metric, at: Point) -> li
             continue
         linear = any(p.signed for p in start.effect.parameters)
         promised = 0.5 * slope[k] ** 2 / size[k] if slope[k] > 0.0 or linear else 0.0
-        found.append(replace(start, promised=float(promised), amplitude=float(slope[k] / size[k])))
+        change = math.sqrt(float(size[k]))
+        found.append(replace(start, promised=float(promised), amplitude=float(slope[k] / size[k]), change=change))
     return sorted(found, key=lambda start: -start.promised)
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,14 +43,14 @@ def curve_over(low_degC: float, high_degC: float) -> SmoothCurve:
     return SmoothCurve.over(low_degC - MARGIN_K, high_degC + MARGIN_K)
 
 
-def _curve_precision(curve: SmoothCurve) -> Array:
+def _curve_precision(curve: Curve) -> Array:
     deviations = np.full(1 + curve.count, WAVE_DEC)
     deviations[0] = CONSTANT_DEC
-    deviations[1 : 1 + len(CURVE_DEC)] = CURVE_DEC
+    deviations[1 : 1 + len(CURVE_DEC)] = CURVE_DEC[: curve.count]
     return deviations**-2.0
 
 
-def _with_curve(curve: SmoothCurve, nodes: FilmNodes, steps: Array) -> Array:
+def _with_curve(curve: Curve, nodes: FilmNodes, steps: Array) -> Array:
     """A constant, D's columns and the steps, one beside the other."""
     at = nodes.film_degC[nodes.points]
     out = np.empty((at.size, 1 + curve.count + steps.shape[1]))
@@ -60,11 +60,20 @@ def _with_curve(curve: SmoothCurve, nodes: FilmNodes, steps: Array) -> Array:
     return out
 
 
+class Curve(Protocol):
+    """D(T) without its constant: columns over temperatures, (samples, count)."""
+
+    @property
+    def count(self) -> int: ...
+
+    def columns(self, temperature: Array) -> Array: ...
+
+
 @dataclass(frozen=True, eq=False)
 class PIFilm:
     """A generalized Prandtl-Ishlinskii film with D(T)."""
 
-    curve: SmoothCurve
+    curve: Curve
     centres_degC: tuple[float, float]
     slope_per_K: float
     range_degC: tuple[float, float]
@@ -106,7 +115,7 @@ class PreisachFilm:
     """A film of smooth steps of classical plays. centre_degC, half_width_K: of each, (steps,); slope_per_K: of all;
     of_all: the film of all steps, of which this one has a part."""
 
-    curve: SmoothCurve
+    curve: Curve
     centre_degC: Array
     half_width_K: Array
     slope_per_K: float

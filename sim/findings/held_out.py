@@ -23,6 +23,13 @@ from sim.model.recorded import Mask
 HELD_STEPS = 6  # of a fit without the held-out rows, from the fit with them
 
 
+def simulated(fit: Fit) -> Point:
+    """A fit's simulation from the recorded current (or temperature), its plate's discrepancy left out."""
+    joint = Joint(fit.joint.record, fit.effects, fit.joint.film, fit.joint.kind, fit.at.coefficients)
+    own = fit.at.own if fit.at.own.size == joint.record.time_s.size else None
+    return joint.solve(fit.at.x, _without_path_correction(joint), own)
+
+
 def residuals(joint: Joint, at: Point) -> dict[str, Array]:
     """By channel what was read less what the simulation shows, (rows,), nan where no reading counts. joint: with the
     film's coefficients known."""
@@ -75,8 +82,8 @@ class Elsewhere:
     ambient_degC: float | None
 
 
-def on_other_record(fit: Fit, record: TwoChannels, told: Mask, judged: Mask) -> Elsewhere:
-    """The fit's errors on another record. told: the rows to which what belongs to it is fitted; judged: the others."""
+def fitted_to(fit: Fit, record: TwoChannels, told: Mask) -> tuple[Joint, Point]:
+    """What belongs to another record fitted to some of its rows (told), plate, film and effects held."""
     known: Any = record
     fewer = replace(known, temperature_used=record.temperature_used & told, output_used=record.output_used & told)
     coefficients = fit.at.coefficients
@@ -98,7 +105,13 @@ def on_other_record(fit: Fit, record: TwoChannels, told: Mask, judged: Mask) -> 
     if isinstance(joint.film, PIFilm):
         joint, at = remembering(joint, at, metric)
         at = joint.descend(at, metric)
-    whole = Joint(record, fit.effects, joint.film, fit.joint.kind, coefficients)
+    return joint, at
+
+
+def on_other_record(fit: Fit, record: TwoChannels, told: Mask, judged: Mask) -> Elsewhere:
+    """The fit's errors on another record. told: the rows to which what belongs to it is fitted; judged: the others."""
+    joint, at = fitted_to(fit, record, told)
+    whole = Joint(record, fit.effects, joint.film, fit.joint.kind, fit.at.coefficients)
     errors = {}
     for name, left in residuals(whole, at).items():
         counted = judged & np.isfinite(left)

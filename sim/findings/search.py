@@ -11,10 +11,10 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect
-from sim.findings.candidates import Start, is_sizeable, possible, scores
+from sim.findings.candidates import Start, is_sizeable, possible, scores, starts
 from sim.findings.films import PIFilm
 from sim.findings.starts import remembered, restarted, with_preisach_film
-from sim.inference.evidence import price
+from sim.inference.evidence import FALSE_ALARM, price
 from sim.inference.joint import ChannelNoise, Fit, Metric
 from sim.inference.noise import estimate
 from sim.inference.nuisance import WORTH
@@ -39,16 +39,27 @@ def parameters_of(effects: Sequence[Effect]) -> int:
 
 @dataclass
 class Search:
-    """Sets of effects of one record and their fits. say: takes a line of progress."""
+    """Sets of effects of one record and their fits. say: takes a line of progress; assumed: effects that are there,
+    whatever the record shows; false_alarm: the share of records without any effect that may be given a name; over: the
+    time for the search has passed."""
 
     effects: Sequence[Effect]
     say: Callable[[str], None] = lambda text: None
+    assumed: frozenset[str] = frozenset()
+    false_alarm: float = FALSE_ALARM
+    over: Callable[[], bool] = lambda: False
     table: dict[frozenset[str], Fit] = field(default_factory=dict)
+
+    @property
+    def known(self) -> dict[str, Effect]:
+        """The effects by name."""
+        return {effect.name: effect for effect in self.effects}
 
     def cost_of(self, fit: Fit, effects: Sequence[Effect]) -> float:
         """The price of some effects."""
         rows = fit.joint.rows_K.size + fit.joint.rows_dec.size
-        return sum(price(len(e.parameters), rows, len(self.effects)) for e in effects)
+        priced = [e for e in effects if e.name not in self.assumed]
+        return sum(price(len(e.parameters), rows, len(self.effects), self.false_alarm) for e in priced)
 
     def value(self, fit: Fit) -> float:
         """Log-likelihood less the price of the effects."""
@@ -133,6 +144,19 @@ class Search:
         values = found.values()[found.effects[-1].name]
         return self.keep(found) if is_sizeable(found.effects[-1], list(values.values())) else None
 
+    def assuming(self, fit: Fit, effects: Sequence[Effect]) -> Fit:
+        """The fit with effects that are there, each from the likeliest of its starting sizes."""
+        for effect in effects:
+            joint = fit.joint.having((*fit.effects, effect))
+            before = joint.from_other(fit.joint, fit.at.x)
+            tried = [joint.with_effect(before, effect, start.values) for start in starts(effect)]
+            tried.sort(key=lambda x: joint.solve(x, fit.metric, fit.at.known_own).cost)
+            own, most = fit.at.known_own, fit.most
+            fits = [joint.fit(x, fit.metric, own, rounds=1, most=most, steps=FIRST_STEPS) for x in tried[:FINISHED]]
+            first = max(fits, key=lambda f: f.log_likelihood)
+            fit = self.finished(first) or first
+        return restarted(fit) if effects and isinstance(fit.joint.film, PIFilm) else fit
+
     def dropped(self, fit: Fit, name: str) -> Fit:
         """The fit without one of its effects."""
         joint = fit.joint.having([e for e in fit.effects if e.name != name])
@@ -164,7 +188,7 @@ class Search:
         self.keep(fit)
         self.say(described(fit))
         anew, films = False, 0
-        while len(fit.effects) < MOST_EFFECTS:
+        while len(fit.effects) < MOST_EFFECTS + len(self.assumed) and not self.over():
             found = self.add(fit)
             better = None
             if found is not None and self.gain(found, fit) > self.cost_of(found, found.effects[-1:]):
@@ -188,7 +212,7 @@ class Search:
 
     def of_another_kind(self, fit: Fit) -> Fit:
         """The likelier fit with a Preisach film: with all effects, or without those that may stand in for the film."""
-        sets = [fit.effects, tuple(e for e in fit.effects if e.before_film)]
+        sets = [fit.effects, tuple(e for e in fit.effects if e.before_film or e.name in self.assumed)]
         fits = [with_preisach_film(fit, effects) for effects in dict.fromkeys(sets)]
         for other in fits:
             self.say(f"    Preisach film: {described(other)}")
@@ -201,8 +225,8 @@ class Search:
 
     def pruned(self, fit: Fit) -> Fit:
         """The fit without effects that are no longer worth their price."""
-        while fit.effects:
-            less = [(self.dropped(fit, e.name), e) for e in fit.effects]
+        while optional := [e for e in fit.effects if e.name not in self.assumed]:
+            less = [(self.dropped(fit, e.name), e) for e in optional]
             weakest, effect = min(less, key=lambda pair: self.gain(fit, pair[0]) - self.cost_of(fit, [pair[1]]))
             if self.gain(fit, weakest) >= self.cost_of(fit, [effect]):
                 break
@@ -213,6 +237,8 @@ class Search:
     def exchanged(self, fit: Fit) -> Fit:
         """The fit with each effect exchanged for a better one, where there is one."""
         for effect in fit.effects:
+            if effect.name in self.assumed or self.over():
+                continue
             less = self.dropped(fit, effect.name)
             other = self.add(less, without=effect.name)
             if other is not None and self.value(other) > self.value(fit) + 1.0:

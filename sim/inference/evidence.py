@@ -15,9 +15,10 @@ from typing import Final
 from scipy.special import chdtri
 
 FALSE_ALARM: Final = 0.01  # a record without the effect names one of the candidates this often, at most
+FALSE_ALARMS: Final = (1e-12, 0.05)  # shares that may be chosen: no distribution is known below, none is wanted above
 
 
-def price(parameters: int, rows: int, candidates: int = 1) -> float:
+def price(parameters: int, rows: int, candidates: int = 1, false_alarm: float = FALSE_ALARM) -> float:
     """Return the log-likelihood that so many more parameters must gain on a record of so many readings."""
-    chance = 0.5 * float(chdtri(parameters, FALSE_ALARM / candidates))
+    chance = 0.5 * float(chdtri(parameters, false_alarm / candidates))
     return chance + 0.5 * parameters * math.log(rows)

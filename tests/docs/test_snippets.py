@@ -42,9 +42,9 @@ from rig.config.configuration import configuration_of
 from rig.config.tables import SweepFile
 from rig.overview.configuration import Overview
 from rig.records.record_file import write_columns
-from tests.diagnosis.plate_record import levels, record
 from tests.docs.test_pages import PAGES, ROOT, name
 from tests.rig.small import write_bench
+from tests.sim.diagnosis.plate_record import levels, record
 
 BLOCK = re.compile(
     r"^```(?P<language>\w*)\n(?P<fenced>.*?)^```|(?P<indented>(?:^ {4}[^\n]*\n)(?:\n*^ {4}[^\n]*\n)*)", re.M | re.S

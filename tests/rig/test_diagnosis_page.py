@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from rig.records.record_file import write_columns
 from rig.report.diagnosis_figures import _against, _times_of_each
-from sim.diagnosis.data.joined import read_records
-from sim.diagnosis.data.quantity import FALLING_OHM
-from tests.diagnosis.plate_record import levels, record
+from sim.inference.record.joined import read_records
+from sim.inference.record.quantity import FALLING_OHM
+from tests.sim.diagnosis.plate_record import levels, record
 
 Peltier = Callable[..., tuple[int, str, str]]
 ROOMS_DEGC = {"one": 21.0, "two": 27.0, "three": 24.0, "four": 23.0}
@@ -54,13 +54,13 @@ def test_records_as_one_and_those_held_out_are_each_told(tmp_path: Path, peltier
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     said = json.loads((tmp_path / "said.json").read_text())
     assert "Diagnosis of one.csv and two.csv" in page
-    rows = [f"{name}.csv: 200 rows over 199 s, one each 1 s" for name in ("one", "two")]
+    rows = [f"{name}.csv: 200 rows over 199 s, one every 1 s" for name in ("one", "two")]
     assert [found["source"] for found in said["holdouts"]] == [str(path) for path in others]
     errors = [found["channels"]["temperature_K"] for found in said["holdouts"]]
     held = [f"{path.name}: temperature {e['rmse_extended']:.4g} K" for path, e in zip(others, errors, strict=True)]
     assert [found["ambient_degC"] for found in said["holdouts"]] == pytest.approx([24.0, 23.0], abs=0.3)
-    held += [f"with a room of {found['ambient_degC']:.4g} degC" for found in said["holdouts"]]
-    rooms = ", ".join(f"{Path(r['source']).name} {r['ambient_degC']:.4g} degC" for r in said["records"])
+    held += [f"room {found['ambient_degC']:.4g} \N{DEGREE SIGN}C" for found in said["holdouts"]]
+    rooms = ", ".join(f"{Path(r['source']).name} {r['ambient_degC']:.4g} \N{DEGREE SIGN}C" for r in said["records"])
     for text in (*rows, *held, rooms):
         assert text in page
         assert text in out

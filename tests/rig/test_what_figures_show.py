@@ -13,7 +13,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TextIO
+from typing import Any, TextIO, cast
 
 import numpy as np
 import pytest
@@ -24,9 +24,9 @@ from rig.analysis.residual import RESIDUAL, residual, residual_dec
 from rig.records.record_file import read_record, write_columns
 from rig.report.diagnosis_figures import residuals
 from rig.report.figures import BLUE, DARK, GOLD, GREEN, PAPER, PURPLE, RED, draw_line, new_figure
-from sim.diagnosis.data.quantity import Quantity
-from tests.diagnosis.plate_record import levels, record
+from sim.inference.record.quantity import Quantity
 from tests.rig.small import MODEL, write_bench
+from tests.sim.diagnosis.plate_record import levels, record
 
 Peltier = Callable[..., tuple[int, str, str]]
 GAP_S = (20.0, 40.0)  # of every record here: no row in between
@@ -78,14 +78,14 @@ def test_a_residual_is_measured_less_model_of_what_was_measured(output: str, sig
 
 
 @pytest.mark.parametrize("name", ["minus_log10_ohm", "log10_ohm", "curvature_per_m", "minus_curvature_per_m"])
-def test_a_diagnosis_counts_a_residual_in_what_was_measured(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_diagnosis_counts_a_residual_in_what_was_measured(name: str) -> None:
     quantity = Quantity(name, centre=0.5, size=2.0 if "curvature" in name else 1.0)
     values = {quantity.column: np.array([10.0, 100.0, 1000.0])}
     modelled = {quantity.column: np.array([20.0, 100.0, 100.0])}
     output, shown = quantity.of(values), quantity.of(modelled)
     one = SimpleNamespace(quantity=quantity, output=output, output_used=np.ones(3, dtype=bool))
-    monkeypatch.setattr("rig.report.diagnosis_figures.shown", lambda diagnosis, names: {quantity.channel: shown})
-    left = residuals(SimpleNamespace(record=one), frozenset())[quantity.channel]  # type: ignore[arg-type]
+    diagnosis: Any = SimpleNamespace(record=one, shown=lambda fit: {quantity.channel: shown})
+    left = residuals(diagnosis, cast(Any, None))[quantity.channel]
     expected = [np.log10(0.5), 0.0, 1.0] if quantity.is_resistance else [-10.0, 0.0, 900.0]
     assert left == pytest.approx(expected)
 

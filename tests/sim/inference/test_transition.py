@@ -13,8 +13,8 @@ from benchmarks.transition import ASKED, judged
 from sim.inference.transition.activation import BOLTZMANN_eV_PER_K
 from sim.inference.transition.forc import forc
 from sim.inference.transition.transition import transition
-from tests.diagnosis.truth.draw import draw_film
-from tests.diagnosis.truth.films import Film
+from tests.sim.diagnosis.truth.draw import draw_film
+from tests.sim.diagnosis.truth.films import Film
 
 QUICK = (0, 2, 7, 8, 9, 10, 11, 12, 15, 18, 21, 23)  # of the benchmark's films, of each kind, those with few rows
 

@@ -1,0 +1,258 @@
+"""From the likeliest set of effects to a diagnosis: what is named, what is left over, what all of it gains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
+
+import numpy as np
+from scipy.special import chdtrc
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.next_experiment import next_experiments
+from sim.diagnosis.plate_numbers import plate_numbers
+from sim.diagnosis.result import Candidate, Caution, Channel, Diagnosis, Finding, Sizes, verdict_of
+from sim.diagnosis.selection import Selected
+from sim.diagnosis.upper_limits import upper_limits
+from sim.diagnosis.warnings import warnings_of
+from sim.effects.effect import Effect, Reading
+from sim.findings.films import PIFilm
+from sim.findings.held_out import errors_in
+from sim.findings.intervals import intervals, is_vague
+from sim.findings.search import Search, explains_most, left_over
+from sim.inference.gain import Gain, gain, rms
+from sim.inference.joint import Fit
+from sim.inference.record.record import Mask, Record
+
+CLOSE: Final = math.log(20.0)  # log-likelihood: a set that is this close is as likely, but for odds of 20
+CLEAN_RECORDS: Final = 300  # of which none was given a name: below one of these no rate is known by experience
+MOST_CANDIDATES: Final = 3  # sets that are shown: more are not read
+LEAST_GAIN: Final = 0.02  # of an error, below which a set that is not named is no news
+SHOWN: Final = 0.002  # of a channel's error: an effect that changes less of it does not show there
+NOT_NAMED_LEFT: Final = "more is left over than this effect explains"
+NOT_NAMED_VAGUE: Final = "likely, but the record does not fix its size"
+ON_THE_WAY: Final = "fits better, but by less than the price of its parameters"
+
+
+def judged(
+    record: Record,
+    chosen: Selected,
+    known: Mapping[str, Effect],
+    sparse: str | None,
+    warnings: Iterable[Caution],
+    over: Callable[[], bool],
+    say: Callable[[str], None],
+) -> Diagnosis:
+    """Return the diagnosis of a record for its likeliest set. sparse: what a record lacks that is too short to decide
+    about its film; over: the time for a diagnosis has passed."""
+    search, base, fit = chosen.search, chosen.base, chosen.fit
+    fit, refused = _without_refused(search, fit)
+    less = {e.name: search.without(fit, e.name) for e in fit.effects if e.name not in search.assumed}
+    all_sizes = intervals(fit)
+    vague = [name for name in less if _is_vague(all_sizes[name])]
+    left = left_over(fit)
+    if (
+        record.early > 0.0
+    ):  # what the current did between the rows is unknown, and the plate's path follows the readings
+        left.pop("temperature", None)
+    say("held-out rows")
+    before, after = errors_in(base, record.held_out), errors_in(fit, record.held_out)
+    rest = {name: errors_in(one, record.held_out) for name, one in less.items() if not over()}
+    own = _Units(record)
+    findings = []
+    for name, without in less.items():
+        if name in vague:
+            continue
+        evidence = search.gain(fit, without)
+        gains = {own.key(c): own.gain(c, rest[name][c], after[c], record) for c in after} if name in rest else {}
+        gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > SHOWN * g.rmse_before}
+        alike = tuple(confounders(fit, name, search))
+        chance = _chance(next(e for e in fit.effects if e.name == name), evidence, search)
+        findings.append(Finding(name, all_sizes[name], evidence, chance, alike, gains))
+    if chosen.memoryless is not None:
+        sizes, evidence = chosen.memoryless
+        findings.append(Finding("memoryless_term", sizes, evidence, 1.0 / CLEAN_RECORDS))
+    if (rounding := _rounding(fit, search)) is not None:
+        findings.append(rounding)
+    findings.sort(key=lambda f: -f.evidence)
+    say("upper limits")
+    limits = () if over() else tuple(upper_limits(fit, search))
+    unexplained = {own.key(c): _in_words(left.get(name), fit, name, own) for c, name in own.channels.items()}
+    candidates: tuple[Candidate, ...] = ()
+    if not over():
+        say("candidates")
+        candidates = _candidates(record, search, fit, after, {**refused, **dict.fromkeys(vague, NOT_NAMED_VAGUE)}, own)
+    names = [f.name for f in findings]
+    next_experiment = next_experiments(
+        dict(known),
+        names,
+        {f.name: list(f.indistinguishable_from) for f in findings},
+        [text for text in unexplained.values() if text is not None],
+        record.current_A is not None,
+        record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
+        record.early == 0.0,
+        record.output is not None,
+    )
+    every = (*warnings, *warnings_of(record, fit, limits, left, dict(known)))
+    film: dict[str, Any] | None = None
+    if fit.joint.film is not None:
+        pi = isinstance(fit.joint.film, PIFilm)
+        film = {"memoryless": "smooth", "operators": int(np.sum(fit.at.coefficients[fit.joint.film.free :] > 0.0))}
+        film["of_the_class"] = pi
+    verdict = verdict_of(bool(findings), bool(left))
+    if sparse is not None and not findings and "temperature" not in left:
+        verdict, next_experiment = "too_short", [f"record {sparse}", *next_experiment]
+    return Diagnosis(
+        verdict,
+        tuple(findings),
+        {own.key(c): _channel(before.get(c), after.get(c), fit, c, own, record.judging) for c in own.channels},
+        unexplained,
+        film,
+        every,
+        tuple(next_experiment),
+        plate_numbers(fit),
+        candidates,
+        limits,
+        {name: sizes for name, sizes in all_sizes.items() if name in search.assumed},
+        record,
+        base,
+        fit,
+        less,
+        search,
+    )
+
+
+class _Units:
+    """The two channels, and the film's output in its own unit instead of the fit's decades."""
+
+    channels: Final = {"temperature_K": "temperature", "resistance_dec": "output"}
+
+    def __init__(self, record: Record) -> None:
+        self.quantity = record.quantity
+
+    def key(self, channel: str) -> str:
+        """The channel's key in the JSON."""
+        return channel if channel == "temperature_K" else self.quantity.channel
+
+    def size(self, channel: str) -> float:
+        """How many of the channel's own unit one of the fit's is."""
+        return 1.0 if channel == "temperature_K" else self.quantity.size
+
+    def unit(self, channel: str) -> str:
+        return "K" if channel == "temperature_K" else self.quantity.unit
+
+    def gain(self, channel: str, before: Array, after: Array, record: Record) -> Gain:
+        """Of the judging rows."""
+        size = self.size(channel)
+        return gain(size * before, size * after, record.judging)
+
+
+def _without_refused(search: Search, fit: Fit) -> tuple[Fit, dict[str, str]]:
+    """Return the fit without effects that explain less than what is left over, and why they are not named."""
+    refused: dict[str, str] = {}
+    while left_over(fit):
+        weak = [
+            e.name
+            for e in fit.effects
+            if e.name not in search.assumed and not explains_most(fit, search.without(fit, e.name))
+        ]
+        if not weak:
+            break
+        name = min(weak, key=lambda n: search.gain(fit, search.without(fit, n)))
+        refused[name] = NOT_NAMED_LEFT
+        fit = search.without(fit, name)
+    return fit, refused
+
+
+def _is_vague(parameters: Sizes) -> bool:
+    """Return True if the interval of an effect's size says nothing of it."""
+    value, interval = next(((v, ci) for v, ci in parameters.values() if ci is not None), (0.0, None))
+    return is_vague(interval, value)
+
+
+def _rounding(fit: Fit, search: Search) -> Finding | None:
+    """Return the thermometer's rounding where the readings show it."""
+    step, noise = fit.joint.record.step_K, fit.metric.temperature.noise.white
+    effect = next((e for e in search.effects if isinstance(e.form, Reading) and e.form.rounding), None)
+    if effect is None or not fit.joint.driven or not step > 0.5 * math.hypot(noise, step / math.sqrt(12.0)) > 0.0:
+        return None
+    evidence = fit.joint.rows_K.size * math.log(max(step / max(noise, 0.02 * step), 2.0))
+    last_digit = 1e-6 * step  # a file's own rounding
+    sizes: Sizes = {effect.parameters[0].name: (step, (step - last_digit, step + last_digit))}
+    return Finding(effect.name, sizes, evidence, _chance(effect, evidence, search))
+
+
+def _chance(effect: Effect, evidence: float, search: Search) -> float:
+    """Return a bound of the rate at which a record without any effect reaches this evidence for one."""
+    by_noise = len(search.effects) * float(chdtrc(len(effect.parameters), 2.0 * max(evidence, 0.0)))
+    return min(1.0, max(by_noise, 1.0 / CLEAN_RECORDS))
+
+
+def confounders(fit: Fit, name: str, search: Search) -> list[str]:
+    """Return the effects that do as well in the place of a named one, of all sets that were fitted."""
+    names = frozenset(e.name for e in fit.effects)
+    rest = names - {name}
+    found: set[str] = set()
+    for key, other in search.table.items():
+        new = key - rest
+        if key != names and rest <= key and len(new) == 1 and search.value(other) > search.value(fit) - CLOSE:
+            found |= new
+    return sorted(found)
+
+
+def _channel(
+    before: Array | None, after: Array | None, fit: Fit, channel: str, own: _Units, judging: Mask
+) -> Channel | None:
+    """Return the noise of a channel and the errors in the judging rows; None for a channel that was not judged."""
+    if before is None or after is None or not np.any(judging & np.isfinite(after)):
+        return None
+    first = channel == "temperature_K"
+    noise = fit.metric.channels[0 if first else 1]
+    rounding = fit.joint.record.step_K / math.sqrt(12.0) if first else 0.0
+    coloured = noise.noise.slow if noise.of_instrument else 0.0
+    size, counted = own.size(channel), judging & np.isfinite(after) & np.isfinite(before)
+    white = math.hypot(noise.noise.white, rounding, coloured)
+    return Channel(size * white, size * rms(before[counted]), size * rms(after[counted]), int(np.sum(counted)))
+
+
+def _candidates(
+    record: Record, search: Search, fit: Fit, named: Mapping[str, Array], why: Mapping[str, str], own: _Units
+) -> tuple[Candidate, ...]:
+    """Return the sets that predict the deciding rows better than what is named, the likeliest first; their gain is
+    measured on the judging rows."""
+    names = frozenset(e.name for e in fit.effects)
+    others = [(key, other) for key, other in search.table.items() if key != names and not key < names]
+    others.sort(key=lambda item: -search.value(item[1]))
+    found = []
+    for key, other in others[:MOST_CANDIDATES]:
+        errors = errors_in(other, record.held_out)
+        decided = {c: gain(named[c], errors[c], record.deciding) for c in named if c in errors}
+        if not any(g.rmse_after < (1.0 - LEAST_GAIN) * g.rmse_before for g in decided.values()):
+            continue
+        gains = {own.key(c): own.gain(c, named[c], errors[c], record) for c in decided}
+        reasons = [f"{name}: {why[name]}" for name in sorted(key) if name in why]
+        parameters = {name: {p: (v, None) for p, v in values.items()} for name, values in other.values().items()}
+        found.append(
+            Candidate(
+                tuple(sorted(key)),
+                parameters,
+                {c: g.rmse_before for c, g in gains.items()},
+                {c: g.rmse_after for c, g in gains.items()},
+                {c: g.reduction_ci95 for c, g in gains.items()},
+                "; ".join(reasons) or ON_THE_WAY,
+                other,
+            )
+        )
+    return tuple(found)
+
+
+def _in_words(share: float | None, fit: Fit, channel: str, own: _Units) -> str | None:
+    """Return what is left over in a channel in words; None for nothing."""
+    if share is None:
+        return None
+    key = "resistance_dec" if channel == "output" else "temperature_K"
+    noise, size, unit = fit.metric.channels[channel == "output"].noise, own.size(key), own.unit(key)
+    slow = noise.slow if noise.slow > 0.0 else share * noise.white
+    beyond = f"{size * slow:.2g} {unit} beyond the noise of {size * noise.white:.2g} {unit}"
+    return f"{beyond}, over about {noise.tau_s:.2g} s"

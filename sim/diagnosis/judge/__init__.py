@@ -1,1 +1,0 @@
-"""From selected effects to names that may be said."""

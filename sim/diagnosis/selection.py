@@ -1,0 +1,98 @@
+"""The likeliest set of effects of a record, with one kind of plate, and whether its film needs a D(T)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from compensator.thermal.plate import Kind
+from sim.diagnosis.result import Sizes
+from sim.effects.effect import Effect
+from sim.findings.films import PIFilm, PreisachFilm
+from sim.findings.intervals import covariance
+from sim.findings.search import Search
+from sim.findings.starts import base_fit
+from sim.inference.evidence import price
+from sim.inference.joint import Fit
+from sim.inference.record.record import Record
+from sim.model.film_columns import SmoothCurve
+
+SURE: Final = 4.0  # standard deviations from nothing: a drive that moves a plate is hundreds of them away
+DEGREES: Final = 3  # parameters of a usual D(T): amplitude, slope, centre
+PLACES: Final = 200  # of temperatures: D is smooth
+
+
+@dataclass(frozen=True, eq=False)
+class Selected:
+    """The likeliest set: base and extended fit, the search with all sets that were fitted; drive_moves: the drive has a
+    coefficient that is not 0; memoryless: parameters and evidence of a D(T) that a base without one needs."""
+
+    base: Fit
+    fit: Fit
+    search: Search
+    drive_moves: bool = True
+    memoryless: tuple[Sizes, float] | None = None
+
+    def value(self) -> float:
+        """Log-likelihood less the price of the effects, and of the parameters that this kind of plate has."""
+        joint = self.fit.joint
+        return self.search.value(self.fit) - 0.5 * len(joint.unknowns) * math.log(joint.rows_K.size)
+
+    def without_memoryless(self, record: Record, decides: bool) -> Selected:
+        """Return the selection with a base whose film has no D(T); the extended fit has one if its gain exceeds its
+        price, and the record decides about its film."""
+        if self.fit.joint.film is None:
+            return self
+        base, flat = _without_curve(self.base), _without_curve(self.fit)
+        evidence = self.fit.log_likelihood - flat.log_likelihood
+        if not decides or evidence <= price(DEGREES, self.fit.joint.rows_dec.size):
+            return replace(self, base=base, fit=flat)
+        return replace(self, base=base, memoryless=(_span(self.fit, record), evidence))
+
+
+def selected(
+    record: Record,
+    known: Mapping[str, Effect],
+    kind: Kind = "peltier",
+    assumed: Sequence[Effect] = (),
+    search: Search | None = None,
+) -> Selected:
+    """Select the effects of a record. known: those that are possible; assumed: those that are there; search: how, None:
+    with the usual price."""
+    fit = base_fit(record, kind)
+    moves = not fit.joint.driven or drive_moves(fit)
+    search = search or Search(list(known.values()))
+    if not moves:
+        search.effects = [effect for effect in search.effects if effect.link not in ("driver", "plate")]
+    fit = search.assuming(fit, assumed)
+    return Selected(fit, search.run(fit), search, moves)
+
+
+def drive_moves(fit: Fit) -> bool:
+    """Return False if all coefficients of the drive are as good as 0: it does not move the plate."""
+    errors, place = covariance(fit).standard_errors, fit.joint.place
+    return any(fit.at.x[place[name]] > SURE * errors[place[name]] for name in ("s", "r", "q") if name in place)
+
+
+def _without_curve(fit: Fit) -> Fit:
+    """Return the fit with a film without D(T)."""
+    film = fit.joint.film
+    assert isinstance(film, PIFilm | PreisachFilm)
+    assert isinstance(film.curve, SmoothCurve)
+    none = SmoothCurve(film.curve.knots, film.curve.cubics[:, :, :0])
+    joint = fit.joint.having(fit.effects, replace(film, curve=none))
+    return joint.fit(fit.at.x, fit.metric, fit.at.known_own, most=fit.most)
+
+
+def _span(fit: Fit, record: Record) -> Sizes:
+    """Return over how much D(T) goes within the film's temperatures, in the output's unit."""
+    film, nodes = fit.joint.film, fit.at.run.nodes
+    assert isinstance(film, PIFilm | PreisachFilm)
+    assert nodes is not None
+    degC = np.linspace(float(np.min(nodes.film_degC)), float(np.max(nodes.film_degC)), PLACES)
+    span = float(np.ptp(film.curve.columns(degC) @ fit.at.coefficients[1 : film.free]))
+    return {f"span_{record.quantity.unit}": (record.quantity.size * span, None)}

@@ -1,1 +1,0 @@
-"""What a fit leaves: residuals, held-out rows and records, structure."""

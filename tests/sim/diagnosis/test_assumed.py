@@ -1,0 +1,106 @@
+"""Effects that the user knows are there, and a diagnosis that has only so much time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import count
+
+import numpy as np
+import pytest
+
+from sim.diagnosis.diagnose import diagnose
+from tests.sim.diagnosis.cases import Case, case
+
+
+@pytest.fixture(scope="module")
+def lagging() -> Case:
+    return case("one", 1, effect="sensor_lag", rows=2000)
+
+
+def test_what_is_assumed_is_fitted_and_not_found(lagging: Case) -> None:
+    found = diagnose(lagging.columns, assume={"sensor_lag": {}})
+    assert found.verdict == "clean"
+    assert found.findings == []
+    value, interval = found.assumed["sensor_lag"]["tau_s"]
+    assert interval is not None
+    assert interval[0] < value < interval[1]
+    assert value == pytest.approx(lagging.hidden["sensor_lag"]["tau_s"], rel=0.01)
+    channel = found.channels["temperature_K"]
+    assert channel is not None
+    assert channel.rmse_base == channel.rmse_extended  # the base model has it, too
+    document = found.document()
+    assert [effect["name"] for effect in document["assumed"]] == ["sensor_lag"]
+    assert "sensor_lag" not in [limit["name"] for limit in document["upper_limits"]]
+
+
+def test_what_is_known_of_it_is_not_fitted(lagging: Case) -> None:
+    true = lagging.hidden["sensor_lag"]["tau_s"]
+    found = diagnose(lagging.columns, assume={"sensor_lag": {"tau_s": true}})
+    assert found.verdict == "clean"
+    assert found.assumed == {"sensor_lag": {"tau_s": (true, None)}}
+
+
+@pytest.mark.long
+def test_a_wrong_assumption_leaves_something(lagging: Case) -> None:
+    true = lagging.hidden["sensor_lag"]["tau_s"]
+    found = diagnose(lagging.columns, assume={"sensor_lag": {"tau_s": 0.3 * true}})
+    assert found.assumed["sensor_lag"]["tau_s"] == (0.3 * true, None)
+    assert found.verdict != "clean"
+
+
+@pytest.mark.parametrize(
+    ("without", "name", "said"),
+    [
+        ("current_A", "heat_sink_warmup", "current_A: missing"),
+        ("resistance_ohm", "film_lag", "resistance_ohm: missing"),
+        ("meter_current_A", "self_heating", "meter_current_A: missing"),
+        ("", "no_such_effect", "no effect"),
+        ("", "thermometer_quantization", "needs no assumption"),
+    ],
+)
+def test_what_the_record_cannot_have_is_refused(lagging: Case, without: str, name: str, said: str) -> None:
+    columns = {key: values for key, values in lagging.columns.items() if key != without}
+    with pytest.raises(ValueError, match=said) as raised:
+        diagnose(columns, assume={name: {}})
+    assert str(raised.value).startswith(name)
+
+
+def ticking(step_s: float) -> Iterator[float]:
+    """A clock that goes on by so much each time that somebody looks."""
+    return (step_s * k for k in count())
+
+
+def test_out_of_time_is_said_and_the_best_so_far_reported(lagging: Case) -> None:
+    clock = ticking(1.0)
+    found = diagnose(lagging.columns, budget_s=3.0, clock=lambda: next(clock))
+    (told,) = [w.text for w in found.warnings if w.code == "out_of_time"]
+    assert told.startswith("the search was ended 1.8 s after the beginning, its share of the 3 s allowed")
+    assert found.findings == []  # nothing is named that was not judged
+    assert found.verdict == "unexplained"
+    assert all(np.isfinite(c.rmse_extended) for c in found.channels.values() if c is not None)
+    film = found.chain.fits(found.judged.fitted)[1]
+    assert film is not None
+    assert not film.parameters.has_relays  # which take as long as a whole diagnosis, and were not begun any more
+
+
+def test_a_kind_of_plate_that_was_not_tried_to_the_end_is_said(lagging: Case) -> None:
+    clock = ticking(1.0)
+    heated = {name: lagging.columns[name] for name in ("time_s", "temperature_degC")}
+    heated["current_A"] = np.abs(lagging.columns["current_A"])  # never cools, and no plate follows it
+    found = diagnose(heated, budget_s=3.0, kinds=("peltier", "heater"), clock=lambda: next(clock))
+    (told,) = [w.text for w in found.warnings if w.code == "out_of_time"]
+    assert "The kind of plate (peltier or heater) was not decided" in told
+    one = diagnose(heated, budget_s=3.0, kinds=("heater",), clock=ticking(1.0).__next__)
+    assert not any("kind of plate" in w.text for w in one.warnings if w.code == "out_of_time")
+
+
+@pytest.mark.long
+def test_enough_time_changes_nothing(lagging: Case) -> None:
+    clock = ticking(1.0)
+    with_time = diagnose(lagging.columns, budget_s=1e6, clock=lambda: next(clock)).document()
+    assert with_time == diagnose(lagging.columns).document()
+
+
+def test_a_budget_needs_a_clock(lagging: Case) -> None:
+    with pytest.raises(ValueError, match="budget_s: needs a clock"):
+        diagnose(lagging.columns, budget_s=60.0)
