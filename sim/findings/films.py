@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
+from sim.inference.domains import Relays
 from sim.inference.joint import Unknown
 from sim.model.film_columns import SmoothCurve, operator_columns, play_columns
 from sim.model.film_nodes import FilmNodes
@@ -32,6 +33,7 @@ WEIGHT_DEC: Final = 0.3  # of an operator's or step's weight: a tenth of a usual
 SPACING: Final = 0.4  # of the spread of a branch, between centres of steps: a bell of that spread is met to 1e-3
 REACH: Final = 3.2  # spreads to either side of the loop's middle
 WIDTHS: Final = 36  # half-widths from 0 on
+SPREAD_OVER: Final = (24, 5)  # relays of a step: along its centre, and across the distance of half-widths
 WIDEST: Final = 1.5  # of the loop's width, the largest half-width: three times the usual one
 STEEP: Final = 0.9  # of a step, over the distance of centres: neighbours add up to a smooth flank
 MARGIN_K: Final = 5.0  # beyond the record's range: a lagging or self-heated film goes there
@@ -150,6 +152,18 @@ class PreisachFilm:
         plays = play_columns(nodes, widths)
         steps = np.tanh(self.slope_per_K * (plays[:, place] - self.centre_degC))
         return _with_curve(self.curve, nodes, steps)
+
+    def relays(self, coefficients: Array) -> Relays:
+        """The relays that the steps come to: of each a few, spread as the step is, and over its neighbours' widths."""
+        share = (np.arange(SPREAD_OVER[0]) + 0.5) / SPREAD_OVER[0]
+        centre = self.centre_degC[:, None, None] + np.arctanh(2.0 * share - 1.0)[:, None] / self.slope_per_K
+        every = self.of_all or self
+        apart = float(np.max(every.half_width_K)) / (WIDTHS - 1)
+        wider = apart * np.linspace(-1.0, 1.0, SPREAD_OVER[1])
+        centre, width = np.broadcast_arrays(centre, np.abs(self.half_width_K[:, None, None] + wider))
+        weight = np.broadcast_to(2.0 / (centre[0].size) * coefficients[self.free :, None, None], centre.shape)
+        some = weight > 0.0
+        return Relays((centre + width)[some], (centre - width)[some], weight[some])
 
     def only(self, active: NDArray[np.bool_]) -> PreisachFilm:
         """The same with some of the columns."""

@@ -13,7 +13,7 @@ from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect
 from sim.findings.candidates import Start, is_sizeable, possible, scores, starts
 from sim.findings.films import PIFilm
-from sim.findings.starts import remembered, restarted, with_preisach_film
+from sim.findings.starts import in_domains, remembered, restarted, with_preisach_film
 from sim.inference.evidence import FALSE_ALARM, price
 from sim.inference.joint import ChannelNoise, Fit, Metric
 from sim.inference.noise import estimate
@@ -169,19 +169,8 @@ class Search:
         return known if known is not None and known.joint.film is fit.joint.film else self.dropped(fit, name)
 
     def gain(self, more: Fit, less: Fit) -> float:
-        """Log-likelihood that one fit gains over another. What a film's model lacks comes again at every pass over the
-        same temperatures: as far as the film's noise is discrepancy, its channel counts once for all passes."""
-        total = more.log_likelihood - less.log_likelihood
-        if less.metric.output is None or more.metric.output is None:
-            return total
-        ratio = more.metric.output.noise.ratio
-        if ratio <= LEFT_SHARE**2 or more.metric.output.of_instrument:
-            return total
-        share = ratio / (1.0 + ratio)
-        of_film = (more.metric.output.log_scale - 0.5 * more.at.white_dec @ more.at.white_dec) - (
-            less.metric.output.log_scale - 0.5 * less.at.white_dec @ less.at.white_dec
-        )
-        return float(total - of_film * (1.0 - 1.0 / (1.0 + (passes(more) - 1.0) * share)))
+        """Log-likelihood that one fit gains over another."""
+        return more.log_likelihood - less.log_likelihood
 
     def run(self, fit: Fit) -> Fit:
         """The best set and form of film, from a fit on."""
@@ -211,9 +200,11 @@ class Search:
         return self.exchanged(fit)
 
     def of_another_kind(self, fit: Fit) -> Fit:
-        """The likelier fit with a Preisach film: with all effects, or without those that may stand in for the film."""
+        """The likeliest fit with a Preisach film, smooth or in domains, with all effects or without those that may
+        stand in for the film."""
         sets = [fit.effects, tuple(e for e in fit.effects if e.before_film or e.name in self.assumed)]
-        fits = [with_preisach_film(fit, effects) for effects in dict.fromkeys(sets)]
+        smooth = [with_preisach_film(fit, effects) for effects in dict.fromkeys(sets)]
+        fits = [*smooth, *(in_domains(other) for other in smooth if "output" in left_over(other))]
         for other in fits:
             self.say(f"    Preisach film: {described(other)}")
         return max(fits, key=self.worth_of_film)
@@ -256,13 +247,6 @@ def evidence_of_film(fit: Fit) -> float:
     active = at.design[:, at.active] / np.sqrt(film.precision[at.active])
     _, volume = np.linalg.slogdet(np.eye(active.shape[1]) + active.T @ active)
     return float(fit.log_likelihood - 0.5 * volume - 0.5 * len(film.unknowns) * math.log(fit.joint.rows_dec.size))
-
-
-def passes(fit: Fit) -> float:
-    """How many times the film went through the record's range of temperatures."""
-    degC = fit.at.run.path.plate_degC
-    degC = degC[:: max(1, degC.size // 2000)]
-    return max(1.0, float(np.sum(np.abs(np.diff(degC))) / max(np.ptp(degC), 1e-9)))
 
 
 def left_over(fit: Fit) -> dict[str, float]:
@@ -310,5 +294,9 @@ def explains_most(fit: Fit, without: Fit) -> bool:
 
 def described(fit: Fit) -> str:
     """A line of progress."""
-    noises = [f"{c.noise.white:.4g}+{c.noise.slow:.3g}({c.noise.tau_s:.3g}s)" for c in fit.metric.channels]
+    noises = [
+        f"{c.noise.white:.4g}+{c.noise.slow:.3g}({c.noise.tau_s:.3g}s)"
+        + (f"+domains({c.noise.step:.2g})" if c.domains else "")
+        for c in fit.metric.channels
+    ]
     return f"{fit.log_likelihood:.1f} {' '.join(noises)} {fit.values()}"

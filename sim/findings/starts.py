@@ -140,6 +140,16 @@ def with_preisach_film(fit: Fit, effects: Sequence[Effect]) -> Fit:
     return thinned(joint.fit(x, metric, fit.at.own, rounds=1, most=fit.most, steps=0))
 
 
+def in_domains(fit: Fit) -> Fit:
+    """The fit with its Preisach film in domains: a discrepancy over its memory."""
+    output, film = fit.metric.output, fit.joint.film
+    assert output is not None
+    assert isinstance(film, PreisachFilm)
+    relays = film.relays(fit.at.coefficients)
+    metric = replace(fit.metric, output=fit.joint.in_domains(fit.at, output.without_slow(), relays))
+    return fit.joint.fit(fit.at.x, fit.joint.noise(fit.at, metric, fit.most), fit.at.own, most=fit.most)
+
+
 def thinned(fit: Fit) -> Fit:
     """The fit of a Preisach film with those of all of its steps that carry it."""
     film = fit.joint.film

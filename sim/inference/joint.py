@@ -37,9 +37,18 @@ from compensator.thermal.plate import (
     Kind,
 )
 from sim.effects.effect import Effect, HeatFlow, Switched, switched, with_pinned
+from sim.inference.domains import Domains, Relays, domain_columns
 from sim.inference.levenberg_marquardt import Damping, Linearized, descend, held_at_bounds
 from sim.inference.nnls import solve_triangle
-from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, variances
+from sim.inference.noise import (
+    Noise,
+    Readings,
+    Whitening,
+    discrepancy,
+    estimate,
+    estimate_repeated,
+    variances,
+)
 from sim.inference.nuisance import APART_K, LEAST_NOISE_DEC, LEAST_NOISE_K, ROOM_SPREAD_K
 from sim.inference.plate.fit import AMBIENT_DEGC, SHARE
 from sim.inference.readings.temperature_path import temperature_path
@@ -143,26 +152,30 @@ class FilmForm(Protocol):
 @dataclass(frozen=True, eq=False)
 class ChannelNoise:
     """The noise of one channel's used readings, and the map that makes it white. of_instrument: its slow part is the
-    colour of the instrument's noise, and no discrepancy of the model."""
+    colour of the instrument's noise, and no discrepancy of the model; domains: the discrepancy over a film's memory,
+    where the film is one of domains."""
 
     noise: Noise
     readings: Readings
     of_instrument: bool = False
+    domains: Domains | None = None
 
     @cached_property
     def whitening(self) -> Whitening:
-        return Whitening(self.noise, self.readings)
+        return Whitening(self.noise, self.readings, self.domains)
 
-    @cached_property
+    @property
     def log_scale(self) -> float:
         """The part of the log-likelihood that does not depend on the residual."""
-        return self.whitening.log_likelihood(np.zeros(self.readings.time_s.size))
+        return self.whitening.log_scale
+
+    def white(self, size: float) -> ChannelNoise:
+        """The same readings with noise of which nothing goes on in time."""
+        return replace(self, noise=Noise(size, step=self.noise.step), of_instrument=False)
 
     def without_slow(self) -> ChannelNoise:
         """The same size of noise, all of it white but for the instrument's colour."""
-        if self.of_instrument:
-            return self
-        return ChannelNoise(Noise(math.hypot(self.noise.white, self.noise.slow)), self.readings)
+        return self if self.of_instrument else self.white(math.hypot(self.noise.white, self.noise.slow))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +196,7 @@ class Metric:
         channels = [
             channel
             if channel is None or channel.of_instrument or channel.noise.slow <= channel.noise.white
-            else ChannelNoise(Noise(channel.noise.white), channel.readings)
+            else channel.white(channel.noise.white)
             for channel in (self.temperature, self.output)
         ]
         return self.of(channels[0] or self.temperature, channels[1])
@@ -672,9 +685,24 @@ class Joint:
         if self.film is None or before.output is None:
             return before.of(temperature, None)
         error = np.hypot(self.path_error(at, temperature), self._range_error(at, before.output.noise.white))
-        output = _estimated(at.residual_dec, before.output.readings, error, LEAST_NOISE_DEC, most[1])
-        output = _of_instrument(at.residual_dec, output, at.shown_dec[self.rows_dec])
+        start = before.output
+        if start.domains is not None:
+            start = self.in_domains(at, start, start.domains.relays)
+        output = _estimated(at.residual_dec, start.readings, error, LEAST_NOISE_DEC, most[1], start)
+        if output.domains is None:
+            output = _of_instrument(at.residual_dec, output, at.shown_dec[self.rows_dec])
         return before.of(temperature, output)
+
+    def in_domains(self, at: Point, output: ChannelNoise, relays: Relays) -> ChannelNoise:
+        """The output's noise with the discrepancy of a film in domains, along a point's path."""
+        run = at.run
+        assert run.nodes is not None
+        columns, rest = domain_columns(relays, run.nodes)
+        for e in run.links.hysteretic_part:
+            columns = columns_followed(e, run.nodes.points_s, columns)
+        meter = Ohmmeter(run.links, run.nodes, run.nodes.at_points(at.own))
+        shown = np.ascontiguousarray(meter.plain(columns)[self.rows_dec])
+        return replace(output, domains=Domains(shown, run.nodes.of_rows(rest)[self.rows_dec], relays))
 
     def _range_error(self, at: Point, white: float) -> Array:
         """What a reading may be off by because it is not known which range the ohmmeter was on, (used readings,)."""
@@ -765,19 +793,30 @@ def _both(size: float) -> tuple[float, float]:
     return -size, size
 
 
-def _estimated(residual: Array, readings: Readings, error: Array, least: float, most: float) -> ChannelNoise:
-    """Noise of a residual with readings far out weighing less. error: what each reading is off by besides."""
-    far = np.ones(residual.size)
+def _estimated(
+    residual: Array, readings: Readings, error: Array, least: float, most: float, start: ChannelNoise | None = None
+) -> ChannelNoise:
+    """Noise of a residual with readings far out weighing less. error: what each reading is off by besides; start: where
+    a discrepancy comes again, that and a noise to begin with."""
+    far, domains = np.ones(residual.size), start.domains if start else None
     noise = Noise(max(float(np.sqrt(np.mean(residual**2))), least))
+    if start is not None and domains is not None:
+        noise = start.noise
     for _ in range(3):
-        more = (error / noise.white) ** 2
-        readings = replace(readings, variance=far + more)
-        noise = estimate(residual, readings, least, most)
-        again = np.maximum(variances(residual, noise, readings) / (1.0 + more), 1.0)
+        more, before = (error / noise.white) ** 2, noise
+        readings, left = replace(readings, variance=far + more), residual
+        if domains is None:
+            noise, known = estimate(residual, readings, least, most), readings
+        else:
+            noise, mean = estimate_repeated(residual, readings, domains, noise, least, most)
+            left = residual - mean
+            more = more + noise.step / noise.white**2 * domains.rest
+            known = replace(readings, variance=far + more)
+        again = np.maximum(variances(left, noise, known) / (1.0 + more), 1.0)
         settled, far = np.allclose(again, far, rtol=0.1), again
-        if settled and not np.any(more):
+        if settled and not np.any(error) and math.isclose(noise.step, before.step, rel_tol=0.1):
             break
-    return ChannelNoise(noise, readings)
+    return ChannelNoise(noise, readings, domains=domains)
 
 
 def _of_instrument(residual: Array, channel: ChannelNoise, shown: Array) -> ChannelNoise:

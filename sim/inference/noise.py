@@ -13,18 +13,22 @@ smoother gives d itself (J. Hartikainen, S. Sarkka, IEEE MLSP (2010) 379).
 
 v_k is 1, or larger for a reading that lies far out: the weight of P. J. Huber, Robust Statistics (Wiley 1981), ch. 7,
 written as a variance.
+
+A film has a further discrepancy, which is no process in time but comes again whenever its memory does (`Repeated`):
+columns with normal coefficients of one variance, which the evidence chooses (D. MacKay, Neural Computation 4 (1992)
+415).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 from scipy.special import chdtri
 
 from compensator.compiled import njit
@@ -34,6 +38,9 @@ FAR_OUT: Final = 4.0  # standard deviations beyond which a reading weighs less: 
 SIGNIFICANT: Final = 0.5 * float(chdtri(2, 0.01))  # log-likelihood that two parameters gain in 1 of 100 by chance
 RATIOS: Final = (0.05, 0.5, 5.0, 50.0)  # slow^2 / white^2 from which the likelihood is climbed
 TIMES: Final = (3.0, 30.0, 300.0, 3000.0)  # tau over the median step, likewise
+LASTING: Final = 3.0  # distances of readings: domains that switch between two readings are gone by then
+NEGLIGIBLE: Final = 1e-12  # of the largest eigenvalue: rounding
+LOG_STEP: Final = (-20.0, 20.0)  # bounds of ln(step x eigenvalue of the median column): nothing, and all that there is
 NOT_ALLOWED: Final = 1e300  # cost of a point outside a bound
 LOG_RATIO: Final = (-12.0, 20.0)  # bounds of ln(slow^2 / white^2): a thousandth, and ten thousand times, of the noise
 
@@ -167,11 +174,13 @@ def _smooth(residual: Array, steps: Array, variance: Array, ratio: float, length
 
 @dataclass(frozen=True)
 class Noise:
-    """Parameters of the noise of one channel: white, slow in the channel's unit; tau_s, the correlation time of d."""
+    """Parameters of the noise of one channel: white, slow in the channel's unit; tau_s, the correlation time of d;
+    step: variance of the coefficients of what comes again (`Repeated`), in the channel's unit."""
 
     white: float
     slow: float = 0.0
     tau_s: float = 1.0
+    step: float = 0.0
 
     @property
     def ratio(self) -> float:
@@ -211,33 +220,71 @@ class Readings:
         return float(np.median(steps)) if steps.size else 1.0
 
 
+@dataclass(frozen=True, eq=False)
+class Repeated:
+    """A discrepancy that comes again: columns with normal coefficients of one variance, `Noise.step`. columns:
+    (readings, columns); rest: variance of each reading that they leave out, per step, (readings,)."""
+
+    columns: Array
+    rest: Array
+
+
 class Whitening:
-    """The linear map that makes a channel's noise white with variance 1."""
+    """The linear map that makes a channel's noise white with variance 1: that of what goes on in time, and then, of A,
+    the columns of what comes again after that map, (1 + step A A')^(-1/2)."""
 
-    def __init__(self, noise: Noise, readings: Readings) -> None:
+    def __init__(self, noise: Noise, readings: Readings, repeated: Repeated | None = None) -> None:
         self.noise = noise
+        variance = readings.variance
+        if repeated is not None:
+            variance = variance + noise.step / noise.white**2 * repeated.rest
         self._gains = np.empty((readings.time_s.size, 7))
-        _gains(readings.steps_s, readings.variance, noise.ratio, 0.5 * noise.tau_s, self._gains)
+        _gains(readings.steps_s, variance, noise.ratio, 0.5 * noise.tau_s, self._gains)
         self._gains[:, 6] /= noise.white
+        self.log_scale = float(np.sum(np.log(self._gains[:, 6])))
+        self.columns = self._in_time(repeated.columns) if repeated is not None else None
+        self._shrink = np.empty((0, 0))
+        if self.columns is not None:
+            self.sizes, self.ways = np.linalg.eigh(self.columns.T @ self.columns)
+            self.sizes = np.maximum(self.sizes, NEGLIGIBLE * self.sizes[-1])
+            more = 1.0 + noise.step * self.sizes
+            self.log_scale -= 0.5 * float(np.sum(np.log(more)))
+            self._shrink = (self.ways * ((1.0 - more**-0.5) / self.sizes)) @ self.ways.T
 
-    def of(self, columns: Array) -> Array:
-        """The columns, (readings, columns) or (readings,), in units of the noise."""
+    def _in_time(self, columns: Array) -> Array:
         values = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
         out = np.empty_like(values)
         _whiten(values, self._gains, out)
         return out.reshape(columns.shape)
 
+    def of(self, columns: Array) -> Array:
+        """The columns, (readings, columns) or (readings,), in units of the noise."""
+        out = self._in_time(columns)
+        if self.columns is not None:
+            out = out - self.columns @ (self._shrink @ (self.columns.T @ out))
+        return out
+
+    def projections(self, residual: Array) -> tuple[Array, float]:
+        """(Inner products of a residual with the principal columns of what comes again; its square), in units of the
+        noise in time."""
+        assert self.columns is not None
+        out = self._in_time(residual)
+        return self.ways.T @ (self.columns.T @ out), float(out @ out)
+
     def log_likelihood(self, residual: Array) -> float:
         """Of a residual, without the constant of 2 pi."""
         white = self.of(residual)
-        return float(np.sum(np.log(self._gains[:, 6])) - 0.5 * (white @ white))
+        return self.log_scale - 0.5 * float(white @ white)
 
 
-def estimate(residual: Array, readings: Readings, least_white: float = 0.0, most_slow: float = math.inf) -> Noise:
+def estimate(
+    residual: Array, readings: Readings, least_white: float = 0.0, most_slow: float = math.inf, least_steps: float = 1.0
+) -> Noise:
     """Return the noise of the highest likelihood for a residual, (readings,).
 
     least_white: the white noise is not smaller: an instrument's last digit. most_slow: the discrepancy is not larger:
     without a bound it stands in for a model that is all wrong. It is 0 where it gains less than `SIGNIFICANT`.
+    least_steps: its correlation time is no shorter, in distances of readings.
     """
     step, span = readings.step_s(), float(np.ptp(readings.time_s)) + readings.step_s()
 
@@ -246,7 +293,7 @@ def estimate(residual: Array, readings: Readings, least_white: float = 0.0, most
         value, white = _profile(residual, readings.steps_s, readings.variance, ratio, 0.5 * tau)
         return value if ratio * white <= most_slow**2 else NOT_ALLOWED
 
-    log_tau = math.log(step), math.log(10.0 * span)
+    log_tau = math.log(least_steps * step), math.log(10.0 * span)
     alone, white = _profile(residual, readings.steps_s, readings.variance, 0.0, step)
     times = [step * time for time in TIMES if time * step < 3.0 * span]
     starts = [(math.log(ratio), math.log(time)) for ratio in RATIOS for time in times]
@@ -258,6 +305,36 @@ def estimate(residual: Array, readings: Readings, least_white: float = 0.0, most
             white = _profile(residual, readings.steps_s, readings.variance, ratio, 0.5 * tau)[1]
             return Noise(max(math.sqrt(white), least_white), math.sqrt(ratio * white), tau)
     return Noise(max(math.sqrt(white), least_white))
+
+
+def estimate_repeated(
+    residual: Array, readings: Readings, repeated: Repeated, before: Noise, least_white: float, most_slow: float
+) -> tuple[Noise, Array]:
+    """Return (a likelier noise with a discrepancy that comes again; the mean of that discrepancy in each reading).
+
+    before: a noise to begin with. First the size of what comes again is found with what goes on in time held, then the
+    other way round.
+    """
+    whitening, n = Whitening(before, readings, repeated), residual.size
+    inner, square = whitening.projections(residual)
+    sizes = whitening.sizes
+
+    def white2(log_step: float) -> float:
+        step = math.exp(log_step)
+        return max((square - float(np.sum(inner**2 * (step / (1.0 + step * sizes))))) / n, 1e-300)
+
+    def cost(log_step: float) -> float:
+        return float(np.sum(np.log1p(math.exp(log_step) * sizes))) + n * math.log(white2(log_step))
+
+    middle = -math.log(float(np.median(sizes)))
+    bounds = middle + LOG_STEP[0], middle + LOG_STEP[1]
+    log_step = float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.01}).x)
+    scale, step = white2(log_step), math.exp(log_step)
+    white = max(before.white * math.sqrt(scale), least_white)
+    mean = repeated.columns @ (whitening.ways @ (step / (1.0 + step * sizes) * inner))
+    readings = replace(readings, variance=readings.variance + step * scale / white**2 * repeated.rest)
+    left = estimate(residual - mean, readings, least_white, most_slow, LASTING)
+    return Noise(white, math.sqrt(left.ratio) * white, left.tau_s, step * scale), mean
 
 
 def discrepancy(residual: Array, noise: Noise, readings: Readings) -> tuple[Array, Array]:

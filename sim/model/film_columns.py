@@ -27,7 +27,7 @@ GRID = 400
 
 def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
     """Output of each operator at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
-    inputs, side = _path(nodes)
+    inputs, side = film_path(nodes)
     gamma = envelope_values(inputs, side, shape[None, :])
     rows = nodes.points + (inputs.size - nodes.time_s.size)
     out = np.empty((rows.size, radii.size))
@@ -37,7 +37,7 @@ def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
 
 def play_columns(nodes: FilmNodes, half_width_K: Array) -> Array:
     """Classical play operators F_h[T] at the points, degC, shape (points, operators)."""
-    inputs, side = _path(nodes)
+    inputs, side = film_path(nodes)
     rows = nodes.points + (inputs.size - nodes.time_s.size)
     out = np.empty((rows.size, half_width_K.size))
     group = np.zeros(half_width_K.size, dtype=np.int64)
@@ -47,7 +47,7 @@ def play_columns(nodes: FilmNodes, half_width_K: Array) -> Array:
 
 def operator_signal(nodes: FilmNodes, shape: Array, radii: Array, weights: Array) -> Array:
     """The columns times weights, shape (points,)."""
-    inputs, side = _path(nodes)
+    inputs, side = film_path(nodes)
     gamma = envelope_values(inputs, side, shape[None, :])[:, 0]
     rows = nodes.points + (inputs.size - nodes.time_s.size)
     out = np.empty(rows.size)
@@ -55,7 +55,7 @@ def operator_signal(nodes: FilmNodes, shape: Array, radii: Array, weights: Array
     return out
 
 
-def _path(nodes: FilmNodes) -> tuple[Array, NDArray[np.int8]]:
+def film_path(nodes: FilmNodes) -> tuple[Array, NDArray[np.int8]]:
     """The film's temperatures and the one before, where it is known, and the directions of the steps."""
     inputs, side = nodes.film_degC, nodes.side
     if nodes.previous_degC is None:
@@ -67,7 +67,7 @@ def _path(nodes: FilmNodes) -> tuple[Array, NDArray[np.int8]]:
 
 def play_outputs(nodes: FilmNodes, half_width_K: Array) -> Array:
     """Classical play operators F_h[T] at the rows' readings, degC, shape (rows, operators)."""
-    inputs, side = _path(nodes)
+    inputs, side = film_path(nodes)
     plays = np.empty((nodes.taken.size, half_width_K.size))
     order = np.argsort(nodes.taken, kind="stable")
     rows = nodes.taken[order] + (inputs.size - nodes.time_s.size)

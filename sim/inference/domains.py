@@ -1,0 +1,125 @@
+"""Discrepancy of a film over its memory: what a film of finitely many domains does besides its Preisach density.
+
+    y = int rho(a, b) s_ab da db + d,      <d(k) d(l)> = step int rho(a, b) s_ab(k) s_ab(l) da db,     s_ab = -1/2, 1/2
+
+A domain switches up at a, down at b, all of it at once. Those of a mean size `step` that chance has placed with density
+rho / step make shot noise on the plane of (a, b), and d is what it comes to where the film's memory says which of them
+are up: a Gaussian process that comes again at every pass over the same domains. Other than of a process in time, a
+second pass is then no new evidence, while anything that does not come again still is.
+
+The integral is a sum over cells of the plane: fine in a and coarse in b, and the other way round, less what both have
+in common (a sparse grid; H.-J. Bungartz, M. Griebel, Acta Numerica 13 (2004) 147), since a pass of the film sweeps
+strips that are narrow in the one and long in the other. What this leaves out is less than a fine cell wide; it counts
+as variance of a reading (E. Snelson, Z. Ghahramani, NIPS 18 (2006) 1257).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.compiled import njit
+from compensator.hysteresis.functions import Array
+from sim.inference.noise import Repeated
+from sim.model.film_columns import film_path
+from sim.model.film_nodes import FilmNodes
+from sim.model.operator_outputs import Integers
+
+FINE: Final = 80  # parts of the film's change, of either sense: a part is switched in a row or two
+COARSE: Final = 4  # the same across
+
+
+@dataclass(frozen=True, eq=False)
+class Relays:
+    """up_degC, down_degC: at which each switches; weight: what it adds by switching up, > 0, (relays,)."""
+
+    up_degC: Array
+    down_degC: Array
+    weight: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Domains(Repeated):
+    """The discrepancy of a film in domains, in the readings of a fit; relays: that they are drawn from."""
+
+    relays: Relays
+
+
+def domain_columns(relays: Relays, nodes: FilmNodes) -> tuple[Array, Array]:
+    """(Columns of d at the points, (points, columns); variance that they leave out, (points,)), per step of 1."""
+    weight = relays.weight
+    up, down = _part(relays.up_degC, weight, FINE), _part(relays.down_degC, weight, FINE)
+    wide_up, wide_down = up * COARSE // FINE, down * COARSE // FINE
+    pairs = (up * COARSE + wide_down, wide_up + COARSE * down, wide_up * COARSE + wide_down)
+    parts = [np.unique(pair, return_inverse=True)[1].astype(np.int64) for pair in pairs]
+    sums: list[Array] = [np.bincount(part, weights=weight).astype(np.float64) for part in parts]
+    states = [_states(relays, part, total, nodes) / np.sqrt(total) for part, total in zip(parts, sums, strict=True)]
+    within = np.zeros(sums[1].size, dtype=np.int64)
+    within[parts[1]] = parts[2]
+    common = states[2][:, within] * np.sqrt(sums[1] / sums[2][within])
+    columns = np.concatenate((states[0], states[1] - common), axis=1)
+    first, second, both = (np.sum(state**2, axis=1) for state in states)
+    return columns, np.maximum(0.25 * float(np.sum(weight)) - first - second + both, 0.0)
+
+
+def _part(degC: Array, weight: Array, count: int) -> Integers:
+    """Which of so many parts of equal weight each relay is in, by a temperature."""
+    order = np.argsort(degC, kind="stable")
+    below = np.cumsum(weight[order]) / float(np.sum(weight))
+    part = np.empty(degC.size, dtype=np.int64)
+    part[order] = np.minimum((below * count).astype(np.int64), count - 1)
+    return part
+
+
+def _states(relays: Relays, part: Integers, total: Array, nodes: FilmNodes) -> Array:
+    """Sum of weight s_ab in each part at the points, (points, parts). total: of the weights in each."""
+    inputs, side = film_path(nodes)
+    rows = nodes.points + (inputs.size - nodes.time_s.size)
+    out = np.empty((rows.size, total.size))
+    up, down = np.argsort(relays.up_degC), np.argsort(relays.down_degC)
+    of_relays = relays.up_degC, relays.down_degC, relays.weight, part
+    _switch(inputs, bool(side[0] == -2), rows, up, down, *of_relays, out)
+    return out - 0.5 * total
+
+
+@njit
+def _switch(
+    inputs: Array,
+    cooled: bool,
+    rows: Integers,
+    by_up: Integers,
+    by_down: Integers,
+    up_degC: Array,
+    down_degC: Array,
+    weight: Array,
+    part: Integers,
+    out: Array,
+) -> None:
+    """Weights of the relays that are up, by part, at the rows of a path, into out (rows, parts). cooled: the path comes
+    from above all of them, else from below. by_up, by_down: the relays in the order of their temperatures."""
+    on: NDArray[np.bool_] = up_degC <= inputs[0]
+    if cooled:
+        on = down_degC < inputs[0]
+    now = np.zeros(out.shape[1])
+    for i in range(on.size):
+        if on[i]:
+            now[part[i]] += weight[i]
+    ups, downs = up_degC[by_up], down_degC[by_down]
+    r = 0
+    for k in range(inputs.size):
+        if k > 0 and inputs[k] > inputs[k - 1]:
+            for i in by_up[np.searchsorted(ups, inputs[k - 1]) : np.searchsorted(ups, inputs[k])]:
+                if not on[i]:
+                    on[i] = True
+                    now[part[i]] += weight[i]
+        elif k > 0:
+            for i in by_down[np.searchsorted(downs, inputs[k]) : np.searchsorted(downs, inputs[k - 1])]:
+                if on[i]:
+                    on[i] = False
+                    now[part[i]] -= weight[i]
+        while r < rows.size and rows[r] == k:
+            out[r] = now
+            r += 1
