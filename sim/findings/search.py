@@ -13,7 +13,7 @@ from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect
 from sim.findings.candidates import Start, is_sizeable, possible, scores, starts
 from sim.findings.films import PIFilm
-from sim.findings.starts import in_domains, remembered, restarted, with_preisach_film
+from sim.findings.starts import in_domains, remembered, restarted, with_pi_film, with_preisach_film
 from sim.inference.evidence import FALSE_ALARM, price
 from sim.inference.joint import ChannelNoise, Fit, Metric
 from sim.inference.noise import estimate
@@ -176,7 +176,7 @@ class Search:
         """The best set and form of film, from a fit on."""
         self.keep(fit)
         self.say(described(fit))
-        anew, films = False, 0
+        anew, plain, films = False, False, 0
         while len(fit.effects) < MOST_EFFECTS + len(self.assumed) and not self.over():
             found = self.add(fit)
             better = None
@@ -192,6 +192,10 @@ class Search:
                 films += 1
                 other = self.of_another_kind(better or fit)
                 if self.worth_of_film(other) > self.worth_of_film(better or fit):
+                    better = self.pruned(self.renewed(other))
+            if better is None and films and not plain and not isinstance(fit.joint.film, PIFilm):
+                other, plain = with_pi_film(fit), True  # the effects that are known now may be what the other film did
+                if self.worth_of_film(other) > self.worth_of_film(fit):
                     better = self.pruned(self.renewed(other))
             if better is None:
                 break

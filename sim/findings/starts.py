@@ -206,12 +206,17 @@ def remembered(fit: Fit) -> Fit:
     return fit if joint is fit.joint else joint.fit(at.x, fit.metric, at.own, most=fit.most)
 
 
-def restarted(fit: Fit) -> Fit:
-    """The fit with its film begun anew from all starts, where that is likelier: local minima look like effects."""
+def with_pi_film(fit: Fit) -> Fit:
+    """The fit with a PI film begun anew from all starts."""
     found = _with_film(fit)
     metric = replace(fit.metric, output=found.metric.output)
     joint, at = remembering(found.joint, found.at, metric)
-    return max(fit, remembered(joint.fit(at.x, metric, at.own, most=fit.most)), key=lambda f: f.log_likelihood)
+    return remembered(joint.fit(at.x, metric, at.own, most=fit.most))
+
+
+def restarted(fit: Fit) -> Fit:
+    """The fit with its film begun anew, where that is likelier: local minima look like effects."""
+    return max(fit, with_pi_film(fit), key=lambda f: f.log_likelihood)
 
 
 def _with_film(fit: Fit) -> Fit:
