@@ -21,7 +21,7 @@ from sim.inference.joint import Fit
 from sim.inference.record.record import Record
 from sim.model.film_columns import SmoothCurve
 
-SURE: Final = 4.0  # standard deviations from nothing: a drive that moves a plate is hundreds of them away
+SURE: Final = 0.5 * 4.0**2  # log-likelihood: a drive that moves a plate is worth thousands
 DEGREES: Final = 3  # parameters of a usual D(T): amplitude, slope, centre
 PLACES: Final = 200  # of temperatures: D is smooth
 
@@ -74,8 +74,11 @@ def selected(
 
 def drive_moves(fit: Fit) -> bool:
     """Return False if all coefficients of the drive are as good as 0: it does not move the plate."""
-    errors, place = covariance(fit).standard_errors, fit.joint.place
-    return any(fit.at.x[place[name]] > SURE * errors[place[name]] for name in ("s", "r", "q") if name in place)
+    places = [fit.joint.place[name] for name in ("s", "r", "q") if name in fit.joint.place]
+    found, by = covariance(fit), fit.at.x[places]
+    known = found.matrix[np.ix_(places, places)]
+    # together: a current that only heats leaves both open
+    return 0.5 * float(by @ np.linalg.lstsq(known, by)[0]) > SURE
 
 
 def _without_curve(fit: Fit) -> Fit:

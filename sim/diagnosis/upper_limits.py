@@ -1,49 +1,117 @@
 """Upper limits: of every effect that is not named, the largest size that the record still allows (95 %).
 
-Along one effect the log-likelihood falls by fall(u) = (k u)^2 / 2 - b u, where k u is what a strength u changes in the
-whitened readings once plate, film and effects of the fit may follow, and b its slope along the residual. The strength
-that fits best is b / k^2 (0 if b < 0), and the likelihood has fallen from there by 1.645^2 / 2 at
+Along one effect the log-likelihood falls by
+
+    fall(u) = d(u)^2 / 2 - a(u),     d^2 = delta' delta,  a = delta' residual,
+
+where u is the effect's strength and delta(u) what it changes in the readings, both whitened, once plate, film and
+everything that was fitted may follow. From nothing to u the change is taken to grow as the strength does, d = k u and
+a = b u; the strength that fits best is then b / k^2 (0 if b < 0), and the likelihood has fallen from there by
+1.645^2 / 2 at
 
     u95 = (max(b, 0) + 1.645 k) / k^2,
 
 the one-sided limit of the profile likelihood (G. Cowan, K. Cranmer, E. Gross, O. Vitells, Eur. Phys. J. C 71 (2011)
-1554, section 3.7), never below that of a record that is indifferent (power constraint, arXiv:1105.3166). k and b are
-those of the score test, so that a limit costs no fit of its own.
+1554, section 3.7), never below the one of a record that speaks neither for nor against the effect: noise that happens
+to speak against an effect makes no instrument better than it is (power constraint, arXiv:1105.3166).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Callable, Iterator
 from typing import Final
 
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.result import UpperLimit
-from sim.findings.candidates import Start, possible, scores
+from sim.effects.effect import Effect, pinned
+from sim.findings.candidates import Directions, Start, possible
 from sim.findings.search import Search
-from sim.inference.joint import Fit
+from sim.inference.joint import BESIDE, Fit
 
-NORMAL_95_ONE_SIDED: Final = 1.645  # standard deviations on one side hold 95 % of a normal distribution
+ONE_SIDED_95: Final = 1.645  # standard deviations on one side hold 95 % of a normal distribution
+ROUNDS: Final = 12  # from any start to a strength that is its own limit
+SAME: Final = 0.05  # relative change of the strength from which another round is not needed: far below its own meaning
+SAME_AS_NOTHING: Final = 2.0  # times the smallest strength: nothing smaller is looked at
+LONGEST_STEP: Final = 10.0  # factor of one round: what is linear about one strength says little of another
 
 
 def upper_limits(fit: Fit, search: Search) -> list[UpperLimit]:
-    """Return the limit of every effect that the record could show and the fit does not have."""
+    """Of every effect that the record could show and that the fit does not have, along the chain."""
     have = {e.name for e in fit.effects}
-    effects = [e for e in possible(search.effects, fit.joint) if e.name not in have]
-    found = scores(fit, effects, fit.metric, fit.at)
-    limits = []
-    for effect in effects:
-        place = next(k for k, p in enumerate(effect.parameters) if not p.choices)
-        size, from_below = effect.parameters[place], effect.inverse and place == 0
-        own = [start for start in found if start.effect.name == effect.name]
-        # the secant whose limit is nearest to the size at which it was taken
-        best = min(own, key=lambda start: abs(math.log(_times(start))), default=None)
-        limit = None
-        if best is not None:
-            times = 1.0 / _times(best) if from_below else _times(best)
-            limit = abs(best.values[place]) * times
-        limits.append(UpperLimit(effect.name, size.name, limit, from_below, (size.smallest, size.largest)))
-    return limits
+    directions = Directions(fit, fit.metric, fit.at)
+    return [_limit(e, directions) for e in possible(search.effects, fit.joint) if e.name not in have]
 
 
-def _times(start: Start) -> float:
-    """Return the limit as a multiple of the strength at which the score was taken."""
-    return max(start.amplitude, 0.0) + NORMAL_95_ONE_SIDED / start.change
+def _limit(effect: Effect, directions: Directions) -> UpperLimit:
+    """The largest over what the effect has besides its size, and over both signs."""
+    place = next(k for k, p in enumerate(effect.parameters) if not p.choices)
+    size, from_below = effect.parameters[place], effect.inverse and place == 0
+    limit: float | None = 0.0
+    low, high = size.smallest / BESIDE, size.largest * BESIDE
+    if from_below:
+        low, high = 1.0 / (size.largest * BESIDE), BESIDE / size.smallest
+    for made, others in _others(effect, place):
+        for sign in (1.0, -1.0) if size.signed else (1.0,):
+
+            def start(
+                strength: float, made: Effect = made, others: tuple[float, ...] = others, sign: float = sign
+            ) -> Start:
+                value = sign * (1.0 / strength if from_below else strength)
+                return Start(made, (*others[:place], value, *others[place:]))
+
+            nothing = directions.change(start(low))  # the chain takes other steps with an effect than without
+
+            def of(strength: float, at: Callable[[float], Start] = start, nothing: Array = nothing) -> float:
+                square, along = directions.along([at(strength)], nothing)
+                return _linear(float(square[0]), float(along[0]), strength)
+
+            allowed = _allowed(of, low, high)
+            limit = None if allowed is None or limit is None else max(limit, allowed)
+    if limit is not None and from_below:
+        limit = 1.0 / limit
+    return UpperLimit(effect.name, size.name, limit, from_below, (size.smallest, size.largest))
+
+
+def _others(effect: Effect, place: int) -> Iterator[tuple[Effect, tuple[float, ...]]]:
+    """The effect with its choices made, and values of the parameters beside the size."""
+    rest = [p for k, p in enumerate(effect.parameters) if k != place]
+    axes = [p.choices or (p.smallest, math.sqrt(p.smallest * p.largest), p.largest) for p in rest]
+    for values in itertools.product(*axes):
+        chosen = {p.name: v for p, v in zip(rest, values, strict=True) if p.choices}
+        yield pinned(effect, chosen) if chosen else effect, values
+
+
+def _linear(square: float, b: float, strength: float) -> float:
+    """u95 of the equations above, from d^2 and a at one strength; 0 where it cannot be computed, inf where it changes
+    nothing."""
+    if not math.isfinite(square):
+        return 0.0
+    if square <= 0.0:
+        return math.inf
+    return strength * (max(b, 0.0) / square + ONE_SIDED_95 / math.sqrt(square))
+
+
+def _allowed(limit_at: Callable[[float], float], low: float, high: float) -> float | None:
+    """The largest strength between two that the record allows; None: any. limit_at: what one strength says of the
+    limit: it is allowed if it lies below that, else excluded."""
+    strength, allowed, excluded = math.sqrt(low * high), low, math.inf
+    for _ in range(ROUNDS):
+        wanted = limit_at(strength)
+        if abs(wanted / strength - 1.0) < SAME:
+            return strength
+        if wanted > strength:
+            if strength >= high:
+                return None
+            allowed = max(allowed, strength)
+        else:
+            if strength <= SAME_AS_NOTHING * low:
+                return strength
+            excluded = min(excluded, strength)
+        if excluded < (1.0 + SAME) * allowed:  # what a command's dead band changes jumps
+            return excluded
+        strength = min(max(wanted, strength / LONGEST_STEP, SAME_AS_NOTHING * low), strength * LONGEST_STEP, high)
+        if not allowed < strength < excluded:
+            strength = math.sqrt(allowed * excluded) if excluded < math.inf else high
+    return excluded if excluded < math.inf else None

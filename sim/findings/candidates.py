@@ -23,6 +23,7 @@ from sim.inference.joint import Fit, Joint, Metric, Point
 SIZES: Final = 4  # starting sizes of a parameter, over its typical range
 SIZES_OF_SEVERAL: Final = 3  # the same of each parameter where there are several
 RIDGE: Final = 1e-9  # relative: of what the record does not determine
+LEAST: Final = 1e-6  # of a whitened change's square: rounding
 MOST_SCALED: Final = 3.0  # factor by which a promising size may be moved at once
 SMALLEST_SHARE: Final = 0.5  # of the smallest typical size, below which an effect has no physical meaning
 
@@ -30,13 +31,12 @@ SMALLEST_SHARE: Final = 0.5  # of the smallest typical size, below which an effe
 @dataclass(frozen=True)
 class Start:
     """An effect (with the choice of its discrete parameters made) at a size; promised: gain of log-likelihood;
-    amplitude: how many times this size the score asks for; change: by how many deviations it changes the readings."""
+    amplitude: how many times this size the score asks for."""
 
     effect: Effect
     values: tuple[float, ...]
     promised: float = 0.0
     amplitude: float = 1.0
-    change: float = 0.0
 
     @property
     def free(self) -> int:
@@ -96,43 +96,62 @@ def starts(effect: Effect) -> Iterator[Start]:
             yield Start(made, tuple(values))
 
 
+class Directions:
+    """What effects change in a fit's readings, once its parameters and the film's weights follow."""
+
+    def __init__(self, fit: Fit, metric: Metric, at: Point) -> None:
+        """at: the fit's point in that metric."""
+        self.joint, self.metric, self.at = fit.joint, metric, at
+        self._jacobian = fit.joint.jacobian(at, metric)
+
+    def along(self, starts: Sequence[Start], since: Array | float = 0.0) -> tuple[Array, Array]:
+        """(squares of the whitened changes, their products with the residual), (starts,): nan where none can be
+        computed, 0 where nothing of it is left: parameters or film can do the same. since: another `change`, from which
+        these changes are counted."""
+        found = np.zeros((2, len(starts)))
+        columns, made = [], []
+        for k, start in enumerate(starts):
+            column = self.change(start) - since
+            if not np.all(np.isfinite(column)):
+                found[:, k] = np.nan
+            elif np.any(column != 0.0):
+                columns.append(column)
+                made.append(k)
+        if not made:
+            return found[0], found[1]
+        joint, n = self.joint, len(self.joint.unknowns)
+        inner = joint.projected(self.at, np.column_stack([self._jacobian, *columns]))
+        normal = inner[:n, :n] + np.diag(joint.prior_deviation**-2.0)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        normal = normal * np.outer(scale, scale)
+        normal[np.diag_indices_from(normal)] += RIDGE
+        mixed = inner[:n, n:] * scale[:, None]
+        left = inner[n:, n:] - mixed.T @ cho_solve(cho_factor(normal), mixed)
+        square = np.diag(left)[:-1]
+        found[:, made] = np.where(square > LEAST, (square, left[:-1, -1]), 0.0)
+        return found[0], found[1]
+
+    def change(self, start: Start) -> Array:
+        """What an effect changes in the whitened readings, nan where it cannot be beside the others."""
+        joint = self.joint
+        try:
+            other = joint.having((*joint.effects, start.effect))
+        except ValueError:
+            return np.full(joint.rows_K.size + joint.rows_dec.size, np.nan)
+        x = other.with_effect(other.from_other(joint, self.at.x), start.effect, start.values)
+        return joint.change(self.at, self.metric, x, start.effect.before_film, other)
+
+
 def scores(fit: Fit, effects: Sequence[Effect], metric: Metric, at: Point) -> list[Start]:
     """All starts with what they promise in one metric, the best first. at: the fit's point in that metric."""
-    joint = fit.joint
-    jacobian = joint.jacobian(at, metric)
-    tried: list[Start] = []
-    columns: list[Array] = []
-    for effect in effects:
-        for start in starts(effect):
-            try:
-                other = joint.having((*joint.effects, start.effect))
-            except ValueError:
-                continue
-            x = other.with_effect(other.from_other(joint, at.x), start.effect, start.values)
-            thermal = effect.link in ("driver", "plate", "thermometer")
-            column = joint.change(at, metric, x, thermal, other)
-            if np.all(np.isfinite(column)) and np.any(column != 0.0):
-                tried.append(start)
-                columns.append(column)
-    if not tried:
-        return []
-    n = len(joint.unknowns)
-    inner = joint.projected(at, np.column_stack([jacobian, *columns]))
-    normal = inner[:n, :n] + np.diag(joint.prior_deviation**-2.0)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    normal = normal * np.outer(scale, scale)
-    normal[np.diag_indices_from(normal)] += RIDGE
-    mixed = inner[:n, n:] * scale[:, None]
-    left = inner[n:, n:] - mixed.T @ cho_solve(cho_factor(normal), mixed)
-    size, slope = np.diag(left)[:-1], left[:-1, -1]
+    tried = [start for effect in effects for start in starts(effect)]
     found = []
-    for k, start in enumerate(tried):
-        if size[k] <= 1e-6:  # nothing of it is left: parameters or film can do the same
+    for start, size, slope in zip(tried, *Directions(fit, metric, at).along(tried), strict=True):
+        if not size > 0.0:
             continue
         linear = any(p.signed for p in start.effect.parameters)
-        promised = 0.5 * slope[k] ** 2 / size[k] if slope[k] > 0.0 or linear else 0.0
-        change = math.sqrt(float(size[k]))
-        found.append(replace(start, promised=float(promised), amplitude=float(slope[k] / size[k]), change=change))
+        promised = 0.5 * slope**2 / size if slope > 0.0 or linear else 0.0
+        found.append(replace(start, promised=float(promised), amplitude=float(slope / size)))
     return sorted(found, key=lambda start: -start.promised)
 
 

@@ -7,8 +7,7 @@ recorded current, without any discrepancy.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.findings.films import PIFilm
 from sim.findings.starts import first_metric, remembering
-from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, Point, TwoChannels
+from sim.inference.joint import Fit, Joint, Metric, Point, TwoChannels
 from sim.inference.nuisance import ROOM_SPREAD_K
 from sim.model.recorded import Mask
 
@@ -25,7 +24,7 @@ HELD_STEPS = 6  # of a fit without the held-out rows, from the fit with them
 
 def simulated(fit: Fit) -> Point:
     """A fit's simulation from the recorded current (or temperature), its plate's discrepancy left out."""
-    joint = Joint(fit.joint.record, fit.effects, fit.joint.film, fit.joint.kind, fit.at.coefficients)
+    joint = fit.joint.on(fit.joint.record, fit.at.coefficients)
     own = fit.at.own if fit.at.own.size == joint.record.time_s.size else None
     return joint.solve(fit.at.x, _without_path_correction(joint), own)
 
@@ -53,15 +52,14 @@ def without_rows(fit: Fit, held: Mask) -> Fit:
     record: Any = fit.joint.record
     used = record.temperature_used & ~held if fit.joint.driven else record.temperature_used
     fewer = replace(record, temperature_used=used, output_used=record.output_used & ~held)
-    joint = Joint(fewer, fit.effects, fit.joint.film, fit.joint.kind)
+    joint = fit.joint.on(fewer)
     at_K, at_dec = joint.readings()
     output = fit.metric.output
-    metric = fit.metric.of(
-        ChannelNoise(fit.metric.temperature.noise, at_K),
-        ChannelNoise(output.noise, at_dec) if output is not None else None,
+    metric = replace(
+        fit.metric,
+        temperature=replace(fit.metric.temperature, readings=at_K),
+        output=replace(output, readings=at_dec) if output is not None else None,
     )
-    if not metric.simulated:
-        metric = replace(metric, temperature=ChannelNoise(fit.metric.temperature.noise, at_K))
     own = fit.at.known_own
     at = joint.descend(joint.solve(fit.at.x, metric, own), metric, HELD_STEPS)
     return Fit(joint, at, metric, joint.log_likelihood(at, metric))
@@ -70,16 +68,8 @@ def without_rows(fit: Fit, held: Mask) -> Fit:
 def errors_in(fit: Fit, held: Mask) -> dict[str, Array]:
     """Residuals of a fit without some rows, in these rows, nan elsewhere, by channel."""
     less = without_rows(fit, held)
-    whole = Joint(fit.joint.record, fit.effects, fit.joint.film, fit.joint.kind, less.at.coefficients)
+    whole = fit.joint.on(fit.joint.record, less.at.coefficients)
     return {name: np.where(held, left, np.nan) for name, left in residuals(whole, less.at).items()}
-
-
-@dataclass(frozen=True, eq=False)
-class Elsewhere:
-    """A fit on another record: root mean square error by channel, the record's room."""
-
-    errors: Mapping[str, float]
-    ambient_degC: float | None
 
 
 def fitted_to(fit: Fit, record: TwoChannels, told: Mask) -> tuple[Joint, Point]:
@@ -87,7 +77,7 @@ def fitted_to(fit: Fit, record: TwoChannels, told: Mask) -> tuple[Joint, Point]:
     known: Any = record
     fewer = replace(known, temperature_used=record.temperature_used & told, output_used=record.output_used & told)
     coefficients = fit.at.coefficients
-    joint = Joint(fewer, fit.effects, fit.joint.film, fit.joint.kind, coefficients)
+    joint = fit.joint.on(fewer, coefficients)
     x = joint.from_other(fit.joint, fit.at.x)
     for k, unknown in enumerate(joint.unknowns):
         if unknown.name.startswith("first_degC."):
@@ -95,10 +85,10 @@ def fitted_to(fit: Fit, record: TwoChannels, told: Mask) -> tuple[Joint, Point]:
         if unknown.name == "ambient_degC":
             joint.prior_mean[k], joint.prior_deviation[k] = x[k], ROOM_SPREAD_K
     at_K, at_dec = joint.readings()
-    temperature, output = fit.metric.temperature.noise, fit.metric.output
+    output = fit.metric.output
     metric = Metric(
-        ChannelNoise(temperature, at_K),
-        ChannelNoise(output.noise, at_dec) if output is not None and joint.film is not None else None,
+        replace(fit.metric.temperature, readings=at_K),
+        replace(output, readings=at_dec) if output is not None and joint.film is not None else None,
         joint.driven,
     )
     at = joint.descend(joint.solve(x, metric), metric)
@@ -106,16 +96,3 @@ def fitted_to(fit: Fit, record: TwoChannels, told: Mask) -> tuple[Joint, Point]:
         joint, at = remembering(joint, at, metric)
         at = joint.descend(at, metric)
     return joint, at
-
-
-def on_other_record(fit: Fit, record: TwoChannels, told: Mask, judged: Mask) -> Elsewhere:
-    """The fit's errors on another record. told: the rows to which what belongs to it is fitted; judged: the others."""
-    joint, at = fitted_to(fit, record, told)
-    whole = Joint(record, fit.effects, joint.film, fit.joint.kind, fit.at.coefficients)
-    errors = {}
-    for name, left in residuals(whole, at).items():
-        counted = judged & np.isfinite(left)
-        if np.any(counted):
-            errors[name] = float(np.sqrt(np.mean(left[counted] ** 2)))
-    place = joint.place.get("ambient_degC")
-    return Elsewhere(errors, float(at.x[place]) if place is not None else None)

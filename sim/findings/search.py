@@ -62,8 +62,10 @@ class Search:
         return sum(price(len(e.parameters), rows, len(self.effects), self.false_alarm) for e in priced)
 
     def value(self, fit: Fit) -> float:
-        """Log-likelihood less the price of the effects."""
-        return fit.log_likelihood - self.cost_of(fit, fit.effects)
+        """Log-likelihood less the price of the effects, and what the parameters of a module with slopes cost."""
+        rows = fit.joint.rows_K.size + fit.joint.rows_dec.size
+        of_module = 0.5 * 2 * math.log(rows) if fit.joint.slopes else 0.0
+        return fit.log_likelihood - self.cost_of(fit, fit.effects) - of_module
 
     def worth_of_film(self, fit: Fit) -> float:
         """Evidence of the film's form, less the price of the effects."""
@@ -76,10 +78,10 @@ class Search:
             self.table[key] = fit
         return fit
 
-    def add(self, fit: Fit, without: str | None = None) -> Fit | None:
-        """The best fit with one effect more. without: a name that is not to be tried."""
+    def add(self, fit: Fit, among: Callable[[Effect], bool] = lambda effect: True) -> Fit | None:
+        """The best fit with one effect more. among: which effects are tried."""
         have = {e.name for e in fit.effects}
-        effects = [e for e in possible(self.effects, fit.joint) if e.name not in have and e.name != without]
+        effects = [e for e in possible(self.effects, fit.joint) if e.name not in have and among(e)]
         tried: list[Fit] = []
         for metric in self.metrics(fit):
             at = fit.at if metric is fit.metric else fit.joint.solve(fit.at.x, metric, fit.at.own)
@@ -161,7 +163,21 @@ class Search:
         """The fit without one of its effects."""
         joint = fit.joint.having([e for e in fit.effects if e.name != name])
         x = joint.from_other(fit.joint, fit.at.x)
-        return self.keep(joint.fit(x, fit.metric, fit.at.known_own, most=fit.most))
+        less = self.keep(joint.fit(x, fit.metric, fit.at.known_own, most=fit.most))
+        return self.likelier_module(less) if any(e.name == name and e.link == "plate" for e in fit.effects) else less
+
+    def likelier_module(self, fit: Fit) -> Fit:
+        """The fit with a module whose Seebeck coefficient and resistance change with temperature, or with one where
+        they do not: what bends the heat balance may be either, or an effect."""
+        if not fit.joint.driven or fit.joint.kind != "peltier":
+            return fit
+        return self.keep(max(fit, self.of_other_module(fit), key=self.value))
+
+    @staticmethod
+    def of_other_module(fit: Fit) -> Fit:
+        """The fit with a module that has slopes where this one has none, or the other way round."""
+        joint = fit.joint.having(fit.effects, slopes=not fit.joint.slopes)
+        return joint.fit(joint.from_other(fit.joint, fit.at.x), fit.metric, fit.at.known_own, most=fit.most)
 
     def without(self, fit: Fit, name: str) -> Fit:
         """The best known fit without one of the effects."""
@@ -181,7 +197,9 @@ class Search:
             found = self.add(fit)
             better = None
             if found is not None and self.gain(found, fit) > self.cost_of(found, found.effects[-1:]):
-                better = self.pruned(self.keep(remembered(found)))
+                better = self.keep(remembered(found))
+                better = self.likelier_module(better) if found.effects[-1].link == "plate" else better
+                better = self.pruned(better)
             left = isinstance(fit.joint.film, PIFilm) and "output" in left_over(better or fit)
             if better is None and left and not anew:
                 again, anew = restarted(fit), True
@@ -230,16 +248,23 @@ class Search:
         return fit
 
     def exchanged(self, fit: Fit) -> Fit:
-        """The fit with each effect exchanged for a better one, where there is one."""
+        """The fit with each effect exchanged for a better one, where there is one, and so with the module's slopes."""
         for effect in fit.effects:
             if effect.name in self.assumed or self.over():
                 continue
-            less = self.dropped(fit, effect.name)
-            other = self.add(less, without=effect.name)
-            if other is not None and self.value(other) > self.value(fit) + 1.0:
-                fit = other
-                self.say("exchanged: " + described(fit))
+            less, name = self.dropped(fit, effect.name), effect.name
+            other = self.add(less, lambda effect, name=name: effect.name != name)  # type: ignore[misc]
+            fit = self.exchange(fit, other)
+        if fit.joint.slopes and not self.over():
+            fit = self.exchange(fit, self.add(self.of_other_module(fit), lambda effect: effect.link == "plate"))
         return fit
+
+    def exchange(self, fit: Fit, other: Fit | None) -> Fit:
+        """The better of two fits."""
+        if other is None or self.value(other) <= self.value(fit) + 1.0:
+            return fit
+        self.say("exchanged: " + described(other))
+        return other
 
 
 def evidence_of_film(fit: Fit) -> float:
@@ -260,9 +285,7 @@ def left_over(fit: Fit) -> dict[str, float]:
         if name == "temperature" and not fit.metric.simulated:
             continue
         noise = channel.noise
-        if (
-            fit.joint.rounded and name == "temperature"
-        ):  # its likelihood has no discrepancy: it is looked for in the mean
+        if channel.step > 0.0:  # its likelihood has no discrepancy: it is looked for in the mean
             noise = estimate(residual, channel.readings)
             channel = ChannelNoise(noise, channel.readings)
         own = LEFT_SHARE * noise.white
@@ -280,7 +303,8 @@ def left_over(fit: Fit) -> dict[str, float]:
 
 def _residuals(fit: Fit) -> tuple[Array, Array]:
     """Of both channels; of rounded readings the mean of their noise."""
-    first = fit.at.white_K * fit.metric.temperature.noise.white if fit.joint.rounded else fit.at.residual_K
+    temperature = fit.metric.temperature
+    first = fit.at.white_K * temperature.noise.white if temperature.step > 0.0 else fit.at.residual_K
     return first, fit.at.residual_dec
 
 

@@ -44,8 +44,16 @@ def _rough(readings: Array) -> float:
 
 
 def plate_fit(record: TwoChannels, kind: Kind) -> Fit:
-    """The plate alone: first by the least error of the simulation, then with its noise."""
-    joint = Joint(record, (), None, kind)
+    """The plate alone: the likelier module of one whose numbers change with temperature, and one where they do not."""
+    found = [_plate_fit(Joint(record, (), None, kind))]
+    if found[0].joint.slopes:
+        found.append(_plate_fit(Joint(record, (), None, kind, slopes=False)))
+    return max(found, key=lambda f: f.log_likelihood)
+
+
+def _plate_fit(joint: Joint) -> Fit:
+    """First by the least error of the simulation, then with its noise."""
+    record, kind = joint.record, joint.kind
     metric = first_metric(joint)
     if not joint.driven:
         at = joint.solve(joint.start(), metric)

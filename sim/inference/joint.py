@@ -36,7 +36,7 @@ from compensator.thermal.plate import (
     SEEBECK_SLOPE_PRIOR_PER_K,
     Kind,
 )
-from sim.effects.effect import Effect, HeatFlow, Switched, switched, with_pinned
+from sim.effects.effect import Effect, Filter, HeatFlow, Switched, switched, with_pinned
 from sim.inference.domains import Domains, Relays, domain_columns
 from sim.inference.levenberg_marquardt import Damping, Linearized, descend, held_at_bounds
 from sim.inference.nnls import solve_triangle
@@ -49,7 +49,7 @@ from sim.inference.noise import (
     estimate_repeated,
     variances,
 )
-from sim.inference.nuisance import APART_K, LEAST_NOISE_DEC, LEAST_NOISE_K, ROOM_SPREAD_K
+from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, ROOM_SPREAD_K, first_readings, resting_K
 from sim.inference.plate.fit import AMBIENT_DEGC, SHARE
 from sim.inference.readings.temperature_path import temperature_path
 from sim.inference.triangle import reduced
@@ -153,12 +153,14 @@ class FilmForm(Protocol):
 class ChannelNoise:
     """The noise of one channel's used readings, and the map that makes it white. of_instrument: its slow part is the
     colour of the instrument's noise, and no discrepancy of the model; domains: the discrepancy over a film's memory,
-    where the film is one of domains."""
+    where the film is one of domains; step: to which readings are rounded whose likelihood is that of their intervals,
+    all noise white; 0: they count as they are."""
 
     noise: Noise
     readings: Readings
     of_instrument: bool = False
     domains: Domains | None = None
+    step: float = 0.0
 
     @cached_property
     def whitening(self) -> Whitening:
@@ -285,10 +287,13 @@ class Joint:
         film: FilmForm | None,
         kind: Kind = "peltier",
         coefficients: Array | None = None,
+        slopes: bool = True,
     ) -> None:
-        """coefficients: the film's, where they are known: then only what belongs to the record is fitted. Raises
-        ValueError for effects that clash."""
+        """coefficients: the film's, where they are known: then only what belongs to the record is fitted. slopes:
+        whether a module's Seebeck coefficient and resistance change with temperature. Raises ValueError for effects
+        that clash."""
         self.record, self.effects, self.film, self.kind = record, tuple(effects), film, kind
+        self.slopes = slopes and kind == "peltier"
         self.coefficients = coefficients
         self.rows_K = np.flatnonzero(record.temperature_used)
         self.degC = record.temperature_degC[self.rows_K]
@@ -296,6 +301,8 @@ class Joint:
         self.output = record.output[self.rows_dec] if film is not None and record.output is not None else np.empty(0)
         self.driven = record.current_A is not None
         self.anew = anew_rows(record)
+        temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
+        self.first_degC = first_readings(record, temperature) if self.driven else np.empty(0)
         bend = np.diff(self.degC, 2)
         self.rough_K = 1.4826 * float(np.median(np.abs(bend))) / math.sqrt(6.0) if bend.size else 0.0
         self.rounded = self.driven and record.step_K > ROUNDED * self.rough_K
@@ -312,9 +319,15 @@ class Joint:
         first = self.place[film.unknowns[0].name] if film and film.unknowns else len(self.unknowns)
         self._first_of_film = first
 
-    def having(self, effects: Sequence[Effect], film: FilmForm | None = None) -> Joint:
-        """The likelihood of the same record with other effects, and maybe another form of film."""
-        other = Joint(self.record, effects, film or self.film, self.kind, self.coefficients)
+    def on(self, record: TwoChannels, coefficients: Array | None = None) -> Joint:
+        """The likelihood of another record, or of other readings."""
+        return Joint(record, self.effects, self.film, self.kind, coefficients, self.slopes)
+
+    def having(self, effects: Sequence[Effect], film: FilmForm | None = None, slopes: bool | None = None) -> Joint:
+        """The likelihood of the same record with other effects, and maybe another form of film, or a module with
+        slopes or without."""
+        slopes = self.slopes if slopes is None else slopes
+        other = Joint(self.record, effects, film or self.film, self.kind, self.coefficients, slopes)
         for name in ("_measured_path", "measured"):
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]
@@ -326,26 +339,23 @@ class Joint:
         out: list[Unknown] = []
         if self.driven:
             if self.kind == "peltier":
-                out += [
-                    Unknown("s", 1.6e-3, 1e-3 * RELATIVE_STEP, 1e-7, 1.0),
-                    Unknown("r", 0.06, 0.05 * RELATIVE_STEP, 0.0, 10.0),
-                    Unknown("s_slope", SEEBECK_SLOPE_PRIOR_PER_K[0], 1e-5, *_both(LARGEST_SLOPE_PER_K),
-                            SEEBECK_SLOPE_PRIOR_PER_K),
-                    Unknown("r_slope", RESISTANCE_SLOPE_PRIOR_PER_K[0], 1e-4, *_both(LARGEST_SLOPE_PER_K),
-                            RESISTANCE_SLOPE_PRIOR_PER_K),
-                ]  # fmt: skip
+                out.append(Unknown("s", 1.6e-3, 1e-3 * RELATIVE_STEP, 1e-7, 1.0))
+                out.append(Unknown("r", 0.06, 0.05 * RELATIVE_STEP, 0.0, 10.0))
             else:
                 out.append(Unknown("q", 0.6, RELATIVE_STEP, 1e-7, 100.0))
+            if self.slopes:
+                for name, step, prior in (
+                    ("s_slope", 1e-5, SEEBECK_SLOPE_PRIOR_PER_K),
+                    ("r_slope", 1e-4, RESISTANCE_SLOPE_PRIOR_PER_K),
+                ):
+                    out.append(Unknown(name, prior[0], step, -LARGEST_SLOPE_PER_K, LARGEST_SLOPE_PER_K, prior))
             out.append(Unknown("g", 0.02, 0.02 * RELATIVE_STEP, 1e-7, 100.0))
             out.append(Unknown("ambient_degC", AMBIENT_DEGC[0], STEP_K, prior=AMBIENT_DEGC))
             out += [Unknown(f"input.{name}", 0.0, 1e-4) for name in self.record.inputs.names]
             out += [
                 Unknown(f"room_K.{k}", 0.0, STEP_K, prior=(0.0, ROOM_SPREAD_K)) for k in range(1, len(self.joined_anew))
             ]
-            used = self.rows_K
-            for k, row in enumerate(self.record.first_rows):
-                near = used[np.argmin(np.abs(used - row))]
-                out.append(Unknown(f"first_degC.{k}", float(self.record.temperature_degC[near]), STEP_K))
+            out += [Unknown(f"first_degC.{k}", float(degC), STEP_K) for k, degC in enumerate(self.first_degC)]
         for effect in self.effects:
             thermal = effect.before_film
             if not self.driven and effect.link in ("driver", "plate"):
@@ -359,12 +369,17 @@ class Joint:
                 else:
                     least = math.log(p.smallest / BESIDE)
                     out.append(Unknown(name, 0.0, 0.02, least, math.log(most), None, thermal))
-            if isinstance(effect.form, HeatFlow) and effect.form.own_rate is not None:
+            if _begins_anew(effect):
                 out += [
-                    Unknown(f"{effect.name}.first_K.{k}", 0.0, STEP_K, prior=(0.0, APART_K))
-                    for k in range(self.anew.size)
+                    Unknown(f"{effect.name}.first_K.{k}", 0.0, STEP_K, prior=(0.0, resting_K(first)))
+                    for k, first in enumerate(self._first_K)
                 ]
         return out + list(self.film.unknowns if self.film else ())
+
+    @cached_property
+    def _first_K(self) -> Array:
+        """The first readings above a usual room, at the beginnings, (beginnings,)."""
+        return self.first_degC[np.searchsorted(self.record.first_rows, self.anew)] - AMBIENT_DEGC[0]
 
     @cached_property
     def joined_anew(self) -> list[int]:
@@ -430,6 +445,9 @@ class Joint:
             if (first_K := self.place.get(f"{e.name}.first_K.0")) is not None:
                 bodies[:, j] = numbers[AMBIENT] + rooms + x[first_K : first_K + count]
         late = np.zeros((count, len(links.thermometer)))
+        for j, e in enumerate(links.thermometer):
+            if (first_K := self.place.get(f"{e.name}.first_K.0")) is not None:
+                late[:, j] = x[first_K : first_K + count]
         inputs: Inputs = record.inputs
         heats = np.array([x[self.place[f"input.{name}"]] for name in inputs.names])
         run = simulate_plate(
@@ -502,8 +520,8 @@ class Joint:
             return Point(x, run, residual, math.inf, residual, np.ones(residual.size))
         away = (x - self.prior_mean) / self.prior_deviation
         cost = 0.5 * float(away @ away) + self._share_cost(x)
-        if self.rounded:
-            logs, white, known = of_rounded(residual, self.record.step_K, metric.temperature.noise.white)
+        if metric.temperature.step > 0.0:
+            logs, white, known = of_rounded(residual, metric.temperature.step, metric.temperature.noise.white)
             cost += metric.temperature.log_scale - float(np.sum(logs))
             point = Point(x, run, residual, cost, white, known)
         else:
@@ -676,12 +694,12 @@ class Joint:
         readings, step = before.temperature.readings, self.record.step_K
         if not before.simulated:
             temperature = before.temperature
-        elif self.rounded:
-            temperature = ChannelNoise(Noise(noise_before_rounding(at.residual_K, step)), readings)
         else:
             least = max(LEAST_NOISE_K, step / math.sqrt(12.0))
             temperature = _estimated(at.residual_K, readings, np.zeros(at.residual_K.size), least, most[0])
             temperature = _of_instrument(at.residual_K, temperature, at.run.shown_degC[self.rows_K])
+            if self.rounded:
+                temperature = likelier_of_rounded(at.residual_K, step, temperature)
         if self.film is None or before.output is None:
             return before.of(temperature, None)
         error = np.hypot(self.path_error(at, temperature), self._range_error(at, before.output.noise.white))
@@ -768,16 +786,28 @@ class Joint:
 
 
 def of_rounded(residual: Array, step: float, white: float) -> tuple[Array, Array, Array]:
-    """(log-likelihood of each rounded reading; the mean of its noise given the interval that it was rounded from, over
-    the noise; the share of its information that it kept), each (readings,). residual: reading less what is shown."""
+    """(log-likelihood of each rounded reading, comparable to that of one that is not; the mean of its noise given the
+    interval that it was rounded from, over the noise; the share of its information that it kept), each (readings,).
+    residual: reading less what is shown."""
     sign = np.where(residual < 0.0, -1.0, 1.0)
     low, high = (np.abs(residual) - 0.5 * step) / white, (np.abs(residual) + 0.5 * step) / white
     most, least = log_ndtr(-low), log_ndtr(-high)
     logs = most + np.log1p(-np.exp(np.minimum(least - most, -1e-300)))
+    density = math.log(step) - 0.5 * math.log(2.0 * math.pi)  # as of readings that are not rounded
     at_low, at_high = (np.exp(-0.5 * end**2 - 0.5 * math.log(2.0 * math.pi) - logs) for end in (low, high))
     mean = at_low - at_high
     known = np.clip(mean**2 - (low * at_low - high * at_high), LEAST_KNOWN, 1.0)
-    return logs, sign * mean, known
+    return logs - density, sign * mean, known
+
+
+def likelier_of_rounded(residual: Array, step: float, channel: ChannelNoise) -> ChannelNoise:
+    """The noise before readings were rounded, or another that takes rounding for noise of its own: what a model is off
+    by, no likelihood of intervals has, and it exceeds a step soon."""
+    white = noise_before_rounding(residual, step)
+    of_intervals = float(np.sum(of_rounded(residual, step, white)[0]))
+    if of_intervals < channel.whitening.log_likelihood(residual):
+        return channel
+    return ChannelNoise(Noise(white), replace(channel.readings, variance=np.ones(residual.size)), step=step)
 
 
 def noise_before_rounding(residual: Array, step: float) -> float:
@@ -789,8 +819,12 @@ def noise_before_rounding(residual: Array, step: float) -> float:
     return step * math.exp(minimize_scalar(cost, bounds=LOG_SHARE, method="bounded", options={"xatol": 0.01}).x)
 
 
-def _both(size: float) -> tuple[float, float]:
-    return -size, size
+def _begins_anew(effect: Effect) -> bool:
+    """Whether it has a temperature of its own at the beginning of a record: a body, or a filter of the thermometer."""
+    form = effect.form
+    return (isinstance(form, HeatFlow) and form.own_rate is not None) or (
+        isinstance(form, Filter) and form.target == "thermometer"
+    )
 
 
 def _estimated(

@@ -21,7 +21,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import HeatFlow
 from sim.inference.levenberg_marquardt import Damping, least_squares
-from sim.inference.noise import Noise, Readings, Whitening
+from sim.inference.noise import Readings
 from sim.model.gaps import beyond_ends, there_and_back
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath, PlateRun
@@ -31,7 +31,8 @@ from sim.model.recorded import Mask, Recorded, Rows, driven_rows
 FIRST_S, FIRST_ROWS = 30.0, 20  # of each stretch: what a prediction is told of a record's beginning
 MOST_TOLD = 0.5  # of a record: what is left is to be predicted
 ROOM_SPREAD_K = 3.0  # of a room about what it was when the model was made: another day, the same laboratory
-APART_K = 3.0  # spread of bodies about the room, and of filters about what they follow: a rig that has rested
+REST_K = 1.0  # spread of bodies about the room, and of filters about what they follow: a rig that has rested
+SHARE = 0.5  # of how far the plate is from the room, as far may they be, too: a record may begin while a rig runs
 LATE_SPREAD = 0.5  # K and decades: of how far a filter of the film or of the ohmmeter is behind
 SEVERAL = 10  # turning points before the first row that are tried, on either side
 MARGIN = 0.25  # of the range of temperatures: so far beyond them may a film have turned round
@@ -73,6 +74,11 @@ class Told:
         """Those of some rows."""
         output = np.where(rows, self.output, np.nan) if self.output is not None else None
         return replace(self, temperature_degC=np.where(rows, self.temperature_degC, np.nan), output=output)
+
+
+def resting_K(first_K: float) -> float:
+    """Spread of a body's first temperature about the room's, K. first_K: of the plate's own about the room's."""
+    return math.hypot(REST_K, SHARE * first_K)
 
 
 def told_rows(record: Recorded, first_s: float | None = None) -> Mask:
@@ -132,11 +138,10 @@ def _temperatures(chain: Forward, record: Recorded, told: Told, own: RecordOwn) 
 
     rows = np.flatnonzero(np.isfinite(told.temperature_degC))
     stretch = np.searchsorted(record.first_rows, rows, side="right") - 1
-
-    over = _over_the_noise(record, told, rows)
+    noise = _noise(record, told, rows)
 
     def residual(u: Array) -> Array:
-        return over((told.temperature_degC - chain.plate(record, own_of(u)).shown_degC)[rows])
+        return (told.temperature_degC - chain.plate(record, own_of(u)).shown_degC)[rows] / noise
 
     def slopes(u: Array, left: Array) -> Array:
         columns = [(left - residual(_moved(u, slice(k, k + 1), STEP_K))) / STEP_K for k in range(shared)]
@@ -144,26 +149,19 @@ def _temperatures(chain: Forward, record: Recorded, told: Told, own: RecordOwn) 
         columns += [np.where(stretch == k, by_plate, 0.0) for k in range(own.plate_degC.size)]
         return np.stack(columns, axis=1)
 
-    spread = np.concatenate(([ROOM_SPREAD_K], np.full(shared - 1, APART_K), np.full(own.plate_degC.size, math.inf)))
+    begins = own.plate_degC[np.searchsorted(record.first_rows, anew_rows(record))] - room
+    resting = np.tile([resting_K(float(first)) for first in begins], len(bodies) + len(lags))
+    spread = np.concatenate(([ROOM_SPREAD_K], resting, np.full(own.plate_degC.size, math.inf)))
     return own_of(_least(residual, slopes, spread))
 
 
-def _over_the_noise(record: Recorded, told: Told, rows: Rows) -> Callable[[Array], Array]:
-    """The map from a residual in some rows, K, to white numbers of variance 1: the thermometer's noise until a current
-    first drove the plate, with what the model lacks from then on."""
-    driven = driven_rows(record)[rows]
-    if told.error_time_s <= 0.0 or not np.any(driven):
-        sigma_K = np.hypot(told.sigma_K, np.where(driven, told.error_K, 0.0))
-        return lambda left: left / sigma_K
-    noise = Noise(told.sigma_K, told.error_K, told.error_time_s)
-    whitening = Whitening(noise, Readings.at(record.time_s[rows[driven]]))
-
-    def over(left: Array) -> Array:
-        out = left / told.sigma_K
-        out[driven] = whitening.of(left[driven])
-        return out
-
-    return over
+def _noise(record: Recorded, told: Told, rows: Rows) -> Array:
+    """Of the readings in some rows, K: the thermometer's until a current first drove the plate, with what the model
+    lacks from then on. That is slow, and room and bodies are slower still: white noise of its density at low
+    frequencies tells as little of them, and asks nothing of a model's first seconds that no slow process would have."""
+    step_s = Readings.at(record.time_s[rows]).step_s()
+    error_K = told.error_K * math.sqrt(1.0 + told.error_time_s / step_s)
+    return np.hypot(told.sigma_K, np.where(driven_rows(record)[rows], error_K, 0.0))
 
 
 def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: PlatePath) -> RecordOwn:
