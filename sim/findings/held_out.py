@@ -55,11 +55,13 @@ def without_rows(fit: Fit, held: Mask) -> Fit:
     joint = fit.joint.on(fewer)
     at_K, at_dec = joint.readings()
     output = fit.metric.output
-    metric = replace(
-        fit.metric,
-        temperature=replace(fit.metric.temperature, readings=at_K),
-        output=replace(output, readings=at_dec) if output is not None else None,
-    )
+    if output is not None:
+        kept = np.isin(fit.joint.rows_dec, joint.rows_dec)
+        domains = output.domains
+        if domains is not None:
+            domains = replace(domains, columns=domains.columns[kept], rest=domains.rest[kept])
+        output = replace(output, readings=at_dec, domains=domains)
+    metric = replace(fit.metric, temperature=replace(fit.metric.temperature, readings=at_K), output=output)
     own = fit.at.known_own
     at = joint.descend(joint.solve(fit.at.x, metric, own), metric, HELD_STEPS)
     return Fit(joint, at, metric, joint.log_likelihood(at, metric))

@@ -206,7 +206,9 @@ class Search:
                 if again.log_likelihood > fit.log_likelihood + WORTH:
                     better = self.keep(again)
                     left = "output" in left_over(better)
-            if left and films < MOST_FILMS:  # a film of another kind, without the effects that may stand in for it
+            if (
+                better is None and left and films < MOST_FILMS
+            ):  # a film of another kind, without the effects that may stand in for it
                 films += 1
                 other = self.of_another_kind(better or fit)
                 if self.worth_of_film(other) > self.worth_of_film(better or fit):
