@@ -60,7 +60,7 @@ class LawSettings:
     and of band at the least; it goes on its way for any. trusts_model: whether the plate model predicts the temperature
     (otherwise the reading is all that is known). rate_share: share of the plate's fastest rates that the reference may
     use. most_share: of what the ohmmeter is off the model, that one reading may change the disturbance by
-    (`compensator.control.whole_law.share_within`). heading: of several temperatures for an output the nearest is taken
+    (`compensator.control.margins.share_within`). heading: of several temperatures for an output the nearest is taken
     (0), or the one further up (1) or down (-1), where there is one.
     """
 

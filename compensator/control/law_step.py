@@ -18,7 +18,6 @@ from compensator.control.disturbance import NONE as NO_ERRORS
 from compensator.control.disturbance import corrected, grown, moved_to, told
 from compensator.control.estimate import Estimate, learned_noise
 from compensator.control.packing import numbers_of, packed, unpacked
-from compensator.control.passed_time import led, passed_s
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import (
     FilmNow,
@@ -44,6 +43,7 @@ from compensator.thermal.plate import step as plate_step
 LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
 NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
 FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)  # places in NAMES, for compiled code
+STALLED: Final = 2.1  # periods from one command to the next beyond which some were missed, not one late
 SLOWEST_K_PER_S: Final = 1e-6  # a reference that can move either way, however little the plate can
 
 
@@ -150,6 +150,26 @@ class Rule(NamedTuple):
     output_range: float
     folds: float
     gains: PidGains
+
+
+@njit
+def passed_s(period_s: float, elapsed_s: float) -> float:
+    """Time since the command before acted. elapsed_s: nan: a period."""
+    return period_s if math.isnan(elapsed_s) else elapsed_s
+
+
+@njit
+def led(period_s: float, elapsed_s: float, left: Reference, reference: Reference, here: Reference) -> Reference:
+    """Where film and plate should be as a command acts: on the way from where they were to be at the command before,
+    `left`, to where they were led in a period, `reference`; where they are, `here`, after periods without a command:
+    nobody led them in those. elapsed_s: nan: a period."""
+    if math.isnan(elapsed_s):
+        return reference
+    if elapsed_s > STALLED * period_s:
+        return here
+    share = elapsed_s / period_s
+    film_K, plate_K = reference.film_degC - left.film_degC, reference.plate_degC - left.plate_degC
+    return Reference(left.film_degC + share * film_K, left.plate_degC + share * plate_K)
 
 
 @njit

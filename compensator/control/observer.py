@@ -26,12 +26,13 @@ from compensator.control.law_step import (
     LawState,
     Rule,
     driven,
+    led,
+    passed_s,
     planned,
     read_output,
     read_temperature,
     remembered,
 )
-from compensator.control.passed_time import led, passed_s
 from compensator.control.reference_shaping import FilmNow, Reference, headed
 from compensator.control.unknown_heat import Foretold
 from compensator.control.unknown_memory import taken_along
@@ -41,45 +42,14 @@ from compensator.inverse.solve import Settings
 from compensator.thermal.plate import PlateModel, with_drive
 
 
-class Observed(Protocol):
-    """What an observer knows at a moment; it is never changed.
-
-    plate_degC, film_degC: the estimates (without a film the same). thermometer_degC: what a thermometer without noise
-    shows. output: of the film itself; shown_output: of what the ohmmeter shows; nan without a film. warming_K: of the
-    film, above what its lag makes of the plate. driven_K_per_s: what the model's drive gave of the plate's heating over
-    the last period. film_memory: None without a film.
-    """
-
-    @property
-    def plate_degC(self) -> float: ...
-
-    @property
-    def film_degC(self) -> float: ...
-
-    @property
-    def thermometer_degC(self) -> float: ...
-
-    @property
-    def output(self) -> float: ...
-
-    @property
-    def shown_output(self) -> float: ...
-
-    @property
-    def warming_K(self) -> float: ...
-
-    @property
-    def driven_K_per_s(self) -> float: ...
-
-    @property
-    def film_memory(self) -> Memory | None: ...
-
-
 class Observer(Protocol):
-    """Predicts a chain with effects, a period at a time; each method is a function of its arguments alone.
+    """Prediction of a chain with effects, a period at a time; each method is a function of its arguments alone.
 
-    Times in s: thermometer_lag_s, film_lag_s, of first-order lags; lead_s: by how much the ohmmeter is late; delay_s:
-    of the driver. `sim.model.observer.Observer` is one.
+    Times in s: thermometer_lag_s, film_lag_s: of first-order lags; lead_s: lag of the ohmmeter; delay_s: of the driver.
+    A state is never changed; it has plate_degC, film_degC (without a film the same), thermometer_degC (without noise),
+    output (of the film itself) and shown_output (at the ohmmeter; nan without a film), warming_K (of the film above
+    what its lag makes of the plate), driven_K_per_s (heating by the model's drive over the last period) and film_memory
+    (None without a film). `sim.model.observer.Observer` is one.
     """
 
     thermometer_lag_s: float
@@ -88,51 +58,53 @@ class Observer(Protocol):
     delay_s: float
 
     def start(self, plate_degC: float, memory: Memory | None = None, test_current_A: float = 0.0) -> Any:
-        """As if all had been constant before."""
+        """Return the state of a chain at rest."""
         ...
 
     def sent(self, state: Any, current_A: float) -> Any:
-        """A current is commanded at the state's time."""
+        """Return the state with a current commanded at its time."""
         ...
 
     def predicted(
         self, state: Any, unknown_K_per_s: float = 0.0, elapsed_s: float = math.nan, drive_error: float = 0.0
     ) -> Any:
-        """Time passes in driver, plate and thermometer, a period where elapsed_s is nan; unknown_K_per_s: heating that
-        the model does not know; drive_error: by what share the drive heats and cools more than the model says."""
+        """Return the state a period (or elapsed_s) later in driver, plate and thermometer.
+
+        unknown_K_per_s: heating that is not in the model. drive_error: share by which the drive exceeds the model's.
+        """
         ...
 
     def followed(self, state: Any, plate_degC: float, thermometer_degC: float, test_current_A: float = 0.0) -> Any:
-        """Plate and thermometer corrected to these, then film and ohmmeter over the same period."""
+        """Return the state with plate and thermometer corrected, then film and ohmmeter over the same period."""
         ...
 
     def remembering(self, state: Any, memory: Memory) -> Any:
-        """The film has this memory, at its own temperature."""
+        """Return the state of a film with this memory, at its own temperature."""
         ...
 
     def ahead(
         self, state: Any, test_current_A: float = 0.0, unknown_K_per_s: float = 0.0, drive_error: float = 0.0
     ) -> Any:
-        """The state when a command of now acts."""
+        """Return the state at which a command of now acts."""
         ...
 
     def plate_now(self, state: Any) -> PlateModel:
-        """A plate without effects that heats and cools as this one does now."""
+        """Return a plate without effects that heats and cools as this one does now."""
         ...
 
     def own(self, output: Array | float) -> Array:
-        """The film's own output for what the ohmmeter shows of it, lags left aside."""
+        """Return the film's own output for what the ohmmeter shows of it, lags left aside."""
         ...
 
     def warming_K(self, state: Any, output: float, test_current_A: float = 0.0, later_s: float = 0.0) -> float:
-        """Of the film, if its own output were this, later_s after the state's time."""
+        """Return the warming of the film if its own output were this, later_s after the state's time."""
         ...
 
 
 def observed_step(
     rule: Rule, film: Packed, inverse: Settings, observer: Observer, state: LawState, inputs: Inputs
 ) -> tuple[Command, LawState]:
-    """One period of a law with an observer: see the module."""
+    """Return the command and the state after one period of a law with an observer: see the module."""
     seen, estimate, errors, heats, possible = observed(rule, film, observer, state, inputs)
     test = inputs.test_current_A
     there = observer.ahead(seen, test, estimate.drift_K_per_s, estimate.drive_error)
@@ -177,8 +149,7 @@ def observed_step(
 def observed(
     rule: Rule, film: Packed, observer: Observer, state: LawState, inputs: Inputs
 ) -> tuple[Any, Estimate, Array, Array, Array]:
-    """(the observer's state after both readings, the estimate, errors of the film model, unknown heats, the possible
-    memories)."""
+    """Return the observer's state after both readings, estimate, errors of the film model, unknown heats, memories."""
     before, possible, known = observer.sent(state.observer, state.current_A), state.possible, state.estimate
     now = observer.predicted(before, known.drift_K_per_s, inputs.elapsed_s, known.drive_error)
     foretold = Foretold(
