@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rig.config.configuration import ConfigurationFile
-from rig.control.tick import Ticks
+from rig.control.decision import Ticks
 from rig.core.clock import Clock
 from rig.core.errors import PortHeld
 from rig.core.faults import Faults

@@ -11,7 +11,7 @@ from typing import Any
 
 from rig.bench.assembly import Bench
 from rig.bench.serial_numbers import strangers
-from rig.control.tick import Tick
+from rig.control.decision import Tick
 from rig.core.errors import RigError
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, OfOutput, Stopped, Tripped, Unsuitable
