@@ -73,9 +73,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "compensator.control.law",
         "compensator.control.law_step",
         "compensator.control.observer",
-        "compensator.control.estimate",
-        "compensator.control.unknown_heat",
-        "compensator.control.disturbance",
+        "compensator.control.estimator",
         "compensator.control.unknown_memory",
     ),
     "Records": (

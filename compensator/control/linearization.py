@@ -27,12 +27,18 @@ from typing import Any, Literal
 import numpy as np
 
 from compensator.control.design import OwnPid
-from compensator.control.disturbance import one_error
-from compensator.control.estimate import Estimate, Noise
+from compensator.control.estimator import (
+    UNSTEADY_K_PER_S2,
+    Estimate,
+    Noise,
+    Predicted,
+    constant_error,
+    corrected_temperature,
+    initial_heats,
+)
 from compensator.control.law import Law
 from compensator.control.law_step import INSTRUMENT_PID, Inputs, LawState
 from compensator.control.observer import Observer
-from compensator.control.unknown_heat import UNSTEADY_K_PER_S2, Foretold, corrected_temperature, unknown_heats
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
 
@@ -350,14 +356,14 @@ def believed(law: Law, noise_K: float, state: LawState) -> LawState:
     counts in full.
     """
     lag_s = law.observer.thermometer_lag_s if law.observer is not None else 0.0
-    known, heats = state.estimate._replace(degC=Noise(noise_K**2)), unknown_heats(UNSTEADY_K_PER_S2[-1:], (0.0,), 0.0)
-    there = Foretold(0.0, 0.0, 0.0, 0.0)
+    known, heats = state.estimate._replace(degC=Noise(noise_K**2)), initial_heats(UNSTEADY_K_PER_S2[-1:], (0.0,), 0.0)
+    there = Predicted(0.0, 0.0, 0.0, 0.0)
     for _ in range(SETTLED):
         heats = corrected_temperature(known, heats, there, 0.0, law.settings.period_s, 0.0, lag_s)[-1]
         heats.setflags(write=False)  # as the law hands it over: compiled for one type
     output = state.estimate.output._replace(variance=QUIET[0])
     return state._replace(
-        estimate=known._replace(output=output), errors=one_error(state.disturbance, QUIET[1]), heats=heats
+        estimate=known._replace(output=output), errors=constant_error(state.disturbance, QUIET[1]), heats=heats
     )
 
 
@@ -384,7 +390,7 @@ def _point(law: Law, timing: Timing, noise_K: float, own: OwnPid | None, way: in
         wanted = output + speed * (k * h + aged[1] + ahead)
         degC_read = _unread(law, state)
         _, state = law.step(state, Inputs(degC_read, math.nan, output + speed * k * h, wanted, *aged))
-        state = state._replace(estimate=settled, errors=one_error(state.disturbance, QUIET[1]), heats=heats)
+        state = state._replace(estimate=settled, errors=constant_error(state.disturbance, QUIET[1]), heats=heats)
     inputs = _read(law, state, steps * h, output, speed, aged)
     linear = linearized(law, state, inputs)
     slope = _slope(law, state, way)

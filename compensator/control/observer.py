@@ -17,8 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from compensator.control.disturbance import told
-from compensator.control.estimate import Estimate
+from compensator.control.estimator import Estimate, Predicted, disturbance_of
 from compensator.control.law_step import (
     TEMPERATURE,
     Command,
@@ -26,15 +25,14 @@ from compensator.control.law_step import (
     LawState,
     Rule,
     driven,
-    led,
+    memories_after,
     passed_s,
     planned,
     read_output,
     read_temperature,
-    remembered,
+    reference_at,
 )
-from compensator.control.reference_shaping import FilmNow, Reference, headed
-from compensator.control.unknown_heat import Foretold
+from compensator.control.reference_shaping import FilmNow, Reference, direction_after
 from compensator.control.unknown_memory import taken_along
 from compensator.hysteresis.film import Memory, Packed
 from compensator.hysteresis.functions import Array
@@ -116,8 +114,8 @@ def observed_step(
     wanted = inputs.targets if rule.name == TEMPERATURE else observer.own(inputs.targets)
     here = Reference(there.film_degC, there.plate_degC + there.warming_K)
     left, reference = Reference(*state.left), Reference(*state.reference)
-    before = led(rule.period_s, inputs.elapsed_s, left, reference, here)
-    lag_s, (disturbance, doubt) = observer.film_lag_s, told(errors)
+    before = reference_at(rule.period_s, inputs.elapsed_s, left, reference, here)
+    lag_s, (disturbance, doubt) = observer.film_lag_s, disturbance_of(errors)
     targets, noise = wanted - disturbance, estimate.output.variance
     plan = planned(rule, plate, there.plate_degC, lag_s, there_now, before, state.toward, doubt, noise, targets)
     next_output = there.output if math.isnan(plan.output) else plan.output + disturbance
@@ -135,7 +133,7 @@ def observed_step(
         memory.plays,
         pid,
         current,
-        headed(state.toward, before, plan),
+        direction_after(state.toward, before, plan),
         plan.move,
         warming_K,
         estimate,
@@ -152,11 +150,11 @@ def observed(
     """Return the observer's state after both readings, estimate, errors of the film model, unknown heats, memories."""
     before, possible, known = observer.sent(state.observer, state.current_A), state.possible, state.estimate
     now = observer.predicted(before, known.drift_K_per_s, inputs.elapsed_s, known.drive_error)
-    foretold = Foretold(
+    predicted = Predicted(
         now.thermometer_degC, now.plate_degC, before.thermometer_degC, before.plate_degC, now.driven_K_per_s
     )
     lag_s = observer.thermometer_lag_s
-    shown, plate, estimate, heats = read_temperature(rule, known, state.heats, foretold, lag_s, inputs)
+    shown, plate, estimate, heats = read_temperature(rule, known, state.heats, predicted, lag_s, inputs)
     heats.setflags(write=False)
     now = observer.followed(now, plate, shown, inputs.test_current_A)
     if possible.size > 0:
@@ -171,7 +169,7 @@ def observed(
     known, errors = read_output(rule, estimate, state.errors.copy(), off, state.moved, inputs)
     if possible.size > 0:
         plays = np.array(now.film_memory.plays)
-        possible, plays, errors = remembered(
+        possible, plays, errors = memories_after(
             rule, state.errors.copy(), errors, known, possible, plays, off, state.moved, film, inputs
         )
         now = observer.remembering(now, Memory(now.film_degC, plays))

@@ -142,7 +142,7 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures:
 
 
 @njit
-def left_for_later(targets: Array, doubt: float, film: FilmNow, toward: float, period_s: float) -> float:
+def stop_short_by(targets: Array, doubt: float, film: FilmNow, toward: float, period_s: float) -> float:
     """Return the part of the way to a constant target that is left for later periods, signed, in the output's unit.
 
     It is the standard deviation of the output, and closes in `CLOSES_S`: to arrive late costs a moment; to arrive
@@ -269,7 +269,7 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
 
 
 @njit
-def headed(toward: float, before: Reference, plan: Planned) -> float:
+def direction_after(toward: float, before: Reference, plan: Planned) -> float:
     """Return the sign of the output's last move, with this plan's."""
     if plan.move != 0.0 and plan.reference.film_degC != before.film_degC:
         return math.copysign(1.0, plan.move)
