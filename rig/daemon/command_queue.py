@@ -120,7 +120,7 @@ class CommandQueue:
 
     @property
     def latch(self) -> Latch | None:
-        """The latch that keeps jobs from starting until a reset."""
+        """Return the latch that keeps jobs from starting until a reset; None if there is none."""
         return self.latch_store.held
 
     def label_s(self) -> float:
