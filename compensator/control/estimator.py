@@ -196,7 +196,7 @@ def with_disturbance(errors: Array, disturbance: float) -> Array:
 
 # ---- plate ------------------------------------------------------------------------------------------
 
-UNSTEADY_K_PER_S2: Final = 1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3  # w, of an exact plate, to one that is off by a fifth
+UNSTEADY_K_PER_S2: Final = 3e-5, 3e-4, 3e-3  # w, of an exact plate, to one that is off by a fifth; six track no better
 LAGS_S: Final = 0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6  # by the root of 2: none is off by more than a fifth
 HEAT_MEMORY_S: Final = 30.0  # of the likelihood of each size
 # standard deviations before any reading: the temperature's is a reading's, the heat's what plate models lack at rest

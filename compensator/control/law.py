@@ -56,9 +56,9 @@ class LawSettings:
     """Settings of a law.
 
     name, period_s, current_limit_A, gains: of the loop. low_degC, high_degC: limits of the temperature. preview: number
-    of coming targets that a step takes, preview_spacing_s apart, the first one period ahead. band, reversal: the output
-    turns round for a difference of so many standard deviations of the estimate, and of band at least; it goes on its
-    way for any. trusts_model: True if the plate model predicts the temperature (else only the reading is used).
+    of coming targets that a step takes, preview_spacing_s apart, the first one period ahead. reversal: standard
+    deviations of the estimate by which the output has to differ before it turns round; it goes on its way for any
+    difference. trusts_model: True if the plate model predicts the temperature (else only the reading is used).
     rate_share: share of the plate's fastest rates that the reference may use, fastest_K_per_s: its fastest rate.
     most_share: largest share of an innovation of the ohmmeter by which one reading may change the disturbance
     (`compensator.control.margins.share_within`). heading: of several temperatures for an output the nearest is taken
@@ -73,7 +73,6 @@ class LawSettings:
     gains: PidGains
     preview: int = 8
     preview_spacing_s: float = 0.3
-    band: float = 0.0
     reversal: float = 3.0
     trusts_model: bool = True
     rate_share: float = 0.9
@@ -109,7 +108,6 @@ class Law:
             s.low_degC,
             s.high_degC,
             s.preview_spacing_s,
-            s.band,
             s.reversal,
             float(s.trusts_model),
             s.rate_share,

@@ -148,7 +148,6 @@ class Rule(NamedTuple):
     low_degC: float
     high_degC: float
     spacing_s: float
-    band: float
     reversal: float
     trusts_model: float
     rate_share: float
@@ -281,7 +280,7 @@ def planned(
     if rule.name == TEMPERATURE:
         found = Planned(next_temperature(targets, now, reach), nan, 0.0, True)
     else:
-        band = max(rule.band, rule.reversal * math.sqrt(doubt)) if rule.name != FEEDFORWARD else 0.0
+        band = rule.reversal * math.sqrt(doubt) if rule.name != FEEDFORWARD else 0.0
         stays_degC = film.degC if rule.folds else now.film_degC  # another branch may lie between them where D folds
         if rule.name == FULL and not rule.folds:
             targets = targets - stop_short_by(targets, min(doubt, noise), film, toward, rule.period_s)

@@ -300,7 +300,7 @@ Way = Literal["heating", "cooling", "at rest"]
 DEC_PER_S = 0.01  # of a usual ramp; the margins hardly depend on it, as long as the plate can follow
 LEVELS = (0.1, 0.5, 0.9)  # of the film's range of output
 QUIET = 1e-16, 1e-8  # variance of an ohmmeter, and of the disturbance, by which a reading counts in full
-REST = 1e-3  # of output, within which a film at rest need not turn round
+REST = 1e-4  # of output: less than `LawSettings.reversal` deviations of QUIET, for which no film turns round
 SETTLED = 400  # readings after which the thermometer's estimator is
 
 
@@ -368,8 +368,6 @@ def believed(law: Law, noise_K: float, state: LawState) -> LawState:
 
 
 def _point(law: Law, timing: Timing, noise_K: float, own: OwnPid | None, way: int, degC: float) -> Point:
-    if way == 0:
-        law = Law(replace(law.settings, band=max(law.settings.band, REST)), law.plate, law.film, law.observer)
     film, h = law.film, timing.period_s
     assert film is not None
     low, high = law.settings.low_degC, law.settings.high_degC

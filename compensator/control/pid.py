@@ -58,9 +58,3 @@ def pid_integrate(
     integral = state.integral + gains.ki * period_s * (setpoint - measured)
     integral += min(period_s / gains.tracking_time_s, 1.0) * shortfall
     return PidState(integral, state.derivative, state.weighted_error)
-
-
-def bumpless(gains: PidGains, new: PidGains, state: PidState, setpoint: float, measured: float) -> PidState:
-    """Return the state with which new gains give the output of the old ones at this sample."""
-    proportional = gains.kp * (gains.b * setpoint - measured) - new.kp * (new.b * setpoint - measured)
-    return PidState(state.integral + proportional, state.derivative, new.c * setpoint - measured)

@@ -37,7 +37,6 @@ LEADS: Final = 9  # of a lagging film: twice as many leave 0.93 of the error, ha
 LONGEST_LEAD: Final = 0.6  # of the film's lag: the longest lead that is tried
 CAUTION: Final = 1.0  # standard deviations of the output, by which a film stops short of a target that stays
 CLOSES_S: Final = 0.3  # in which it then goes the rest of the way: some readings
-SLOWED_S: Final = 2.0  # a film that lags by this much leaves for a jump as if the plate had half of its rates
 
 
 class FilmNow(NamedTuple):
@@ -165,8 +164,7 @@ def limited(value: float, low: float, high: float) -> float:
 @njit
 def latest_departures(wanted: Array, reach: Reach, departures: Array) -> None:
     """Fill the latest temperatures that arrive in time: the wanted ones limited backwards by the plate's rates."""
-    slower = 1.0 / (1.0 + reach.lag_s / SLOWED_S)
-    slowest, fastest = slower * reach.slowest * reach.spacing_s, slower * reach.fastest * reach.spacing_s
+    slowest, fastest = reach.slowest * reach.spacing_s, reach.fastest * reach.spacing_s
     last = wanted.size - 1
     departures[last] = wanted[last]
     for i in range(last - 1, -1, -1):

@@ -90,7 +90,6 @@ def law_and_design(
         gains=design.gains,
         preview=count,
         preview_spacing_s=spacing_s,
-        band=control.band_dec,
         rate_share=control.rate_share if name == "temperature" else control.resistance_rate_share,
         fastest_K_per_s=fastest_K_per_s,
         most_share=control.most_share,

@@ -168,7 +168,7 @@ def plain_step(
         following = next_temperature(targets, Reference(before, before), reach).film_degC
     else:
         settings = Inverse(film, s.low_degC, s.high_degC).settings()
-        band = max(s.band, s.reversal * math.sqrt(known.doubt)) if s.name != "feedforward" else 0.0
+        band = s.reversal * math.sqrt(known.doubt) if s.name != "feedforward" else 0.0
         turn = Turn(band, known.toward, before)
         now = FilmNow(memory.input_degC, memory.plays.copy(), film.packed, settings)
         plan = next_reference(targets - disturbance, turn, now, Reference(before, before), reach)
