@@ -96,7 +96,7 @@ def _report(line: str) -> None:
 
 
 class _Cache:
-    """The machine code of one loop on disk, in the place of numba's cache of it."""
+    """Cache of one loop's machine code on disk, in the place of numba's."""
 
     told = False  # that it compiles, and that nothing can be kept: once a process each
     told_unkept = False
@@ -107,7 +107,7 @@ class _Cache:
 
     @property
     def cache_path(self) -> str:
-        """Where a new loop is kept, for `numba`'s statistics."""
+        """Return the folder where a new loop is kept, for `numba`'s statistics."""
         return str(folders()[0])
 
     def load_overload(self, signature: Any, context: Any) -> Any:
@@ -146,10 +146,10 @@ class _Cache:
             _report(f"{text}: set NUMBA_CACHE_DIR to a folder that can be written")
 
     def flush(self) -> None:
-        """Forget nothing: a file that is there is right."""
+        """Do nothing: a file that is there is right."""
 
     def _name(self, signature: Any, codegen: Any) -> str:
-        """The name of the file, the same wherever all that the machine code is made of is the same."""
+        """Return the name of the file: equal if everything that the machine code is made of is equal."""
         function = getattr(self._loop, "py_func", self._loop)
         arguments = [getattr(signature, "return_type", None), *getattr(signature, "args", signature)]
         options = _value(self._options, (), []), [getattr(config, name, None) for name in OPTIONS]
@@ -174,7 +174,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _classes(kind: Any) -> Iterator[Any]:
-    """The named tuples among the types of an argument: numba's name of one does not contain its fields."""
+    """Yield the named tuples among the types of an argument: numba's name of one does not contain its fields."""
     if hasattr(kind, "instance_class"):
         yield kind.instance_class
     for inside in getattr(kind, "types", ()):
@@ -182,7 +182,7 @@ def _classes(kind: Any) -> Iterator[Any]:
 
 
 def _reachable(roots: list[Any]) -> set[bytes]:
-    """The digests of functions and classes, and of all that they refer to, directly or through others."""
+    """Return the digests of functions and classes, and of all that they refer to, directly or through others."""
     digests, todo, seen = set(), list(roots), set()
     while todo:
         one = todo.pop()
@@ -198,7 +198,7 @@ def _reachable(roots: list[Any]) -> set[bytes]:
 
 
 def _ingredients(one: Any, referred: list[Any]) -> Any:
-    """What a loop, function or class is made of, as plain values; what it refers to is added to a list."""
+    """Return a loop, function or class as plain values; what it refers to is added to a list."""
     if isinstance(one, Dispatcher):
         return _value(one.targetoptions, (), referred), _ingredients(one.py_func, referred)
     if isinstance(one, COMPILED):
@@ -222,7 +222,7 @@ def _ingredients(one: Any, referred: list[Any]) -> Any:
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """A function's code and that of the functions inside it."""
+    """Yield a function's code and that of the functions inside it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -230,13 +230,13 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _plain(code: CodeType, documentation: str | None) -> list[Any]:
-    """The constants of a function's code; its documentation is none."""
+    """Return the constants of a function's code, without its documentation."""
     constants = (c for c in code.co_consts if not isinstance(c, CodeType) and c != documentation)
     return [_value(c, (), []) for c in constants]
 
 
 def _value(value: Any, names: Any, referred: list[Any]) -> Any:
-    """A value that a function reads, as plain values. names: the attributes that it may take of a module."""
+    """Return a value that a function reads, as plain values. names: the attributes that it may take of a module."""
     module = value.__name__ if isinstance(value, ModuleType) else str(getattr(value, "__module__", ""))
     if module.partition(".")[0] in OF_A_VERSION and hasattr(value, "__name__"):
         return module, value.__name__

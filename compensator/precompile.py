@@ -9,8 +9,8 @@ import numpy as np
 
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs
-from compensator.control.model_error import FEWEST, lacking
 from compensator.control.pid import PidGains
+from compensator.control.repetition import FEWEST, model_error
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
@@ -26,8 +26,8 @@ PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)  # a usual one of 30 J/K
 
 
 def precompile() -> None:
-    """One step of each law, from a known and from an unknown memory, one inversion, and what a run taught, with a small
-    film."""
+    """Compile by running, with a small film: a step of each law from a known and an unknown memory, one inversion, and
+    one estimate of a model's error."""
     inverse = Inverse(FILM)
     memory = inverse.first(-4.2).memory
     inverse.solve(-4.0, memory)
@@ -44,7 +44,7 @@ def precompile() -> None:
     PLATE.rate_range_K_per_s(50.0, 1.0)
     PLATE.current_for_rate_A(50.0, 0.0, 1.0)
     PLATE.linearized(50.0, 1.0)
-    lacking(np.sin(np.arange(2.0 * FEWEST)), np.ones(2 * FEWEST))
+    model_error(np.sin(np.arange(2.0 * FEWEST)), np.ones(2 * FEWEST))
 
 
 if __name__ == "__main__":

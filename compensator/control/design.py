@@ -4,6 +4,10 @@ The control law turns a heating rate (K/s) into a current through the plate's in
 temperature PID is an integrator with the sample-and-hold's and the bench's dead time. A PID on log R alone sees the
 plate linearized at a working point, times the film's steepest slope. Rules: S. Skogestad, J. Process Control 13
 (2003) 291 (SIMC), with the closed-loop time constant lengthened until the largest sensitivity is the wanted Ms.
+
+A temperature controller's own PID, I = Kp (e + 1/Ti integral of e dt - Td dT/dt) with e = setpoint - T, is designed by
+the same rules for the plate where it answers most, until the thermometer's noise moves the current by no more than a
+share of its limit (`design_own_pid`).
 """
 
 from __future__ import annotations
@@ -46,7 +50,7 @@ class Design:
 
 
 def sampled_loop(gains: PidGains, gain: float, pole_per_s: float, dead_time_s: float, period_s: float) -> Any:
-    """PID(z) G(z) as a python-control transfer function, G the zero-order hold of gain e^(-dead_time s) / (s + pole).
+    """Return PID(z) G(z), G the zero-order hold of gain e^(-dead_time s) / (s + pole), as a python-control function.
 
     The dead time is taken in whole periods, rounded up.
     """
@@ -68,13 +72,13 @@ def sampled_loop(gains: PidGains, gain: float, pole_per_s: float, dead_time_s: f
 
 
 def loop_response(loop: Any, period_s: float) -> tuple[Array, Any]:
-    """Frequencies (rad/s) up to Nyquist's, and the loop's complex response there."""
+    """Return frequencies (rad/s) up to Nyquist's, and the loop's complex response there."""
     omega = np.logspace(-4.0, math.log10(0.9999 * math.pi / period_s), 2000)
     return omega, np.asarray(loop(np.exp(1j * omega * period_s)))
 
 
 def maximum_sensitivity(loop: Any, period_s: float) -> float:
-    """Ms, the largest |1 / (1 + L)|; infinite where the closed loop is not stable."""
+    """Return Ms, the largest |1 / (1 + L)|; infinite if the closed loop is not stable."""
     import control
 
     if not np.all(np.abs(np.asarray(control.feedback(loop, 1).poles())) < 1.0):
@@ -83,7 +87,7 @@ def maximum_sensitivity(loop: Any, period_s: float) -> float:
 
 
 def loop_margins(loop: Any, period_s: float) -> Margins:
-    """Gain margin, phase margin, Ms and crossover of a sampled loop."""
+    """Return gain margin, phase margin, Ms and crossover of a sampled loop."""
     import control
 
     omega, response = loop_response(loop, period_s)
@@ -96,9 +100,9 @@ def loop_margins(loop: Any, period_s: float) -> Margins:
 def design_pi(
     gain: float, pole_per_s: float, dead_time_s: float, period_s: float, ms: float, at_least_s: float = 0.0
 ) -> Design:
-    """PI gains for gain e^(-dead_time s) / (s + pole) by SIMC, the fastest whose sampled loop keeps Ms <= ms.
+    """Return the fastest PI gains by SIMC for gain e^(-dead_time s) / (s + pole) whose sampled loop keeps Ms <= ms.
 
-    at_least_s: the closed-loop time and all delays together are no shorter.
+    at_least_s: least sum of the closed-loop time and all delays.
     """
     total = dead_time_s + 0.5 * period_s
 
@@ -126,12 +130,12 @@ def design_pi(
 
 
 def design_temperature(period_s: float, dead_time_s: float, ms: float) -> Design:
-    """Temperature PID whose output is a heating rate (K/s): with the plate's inverse, the plate is 1/s."""
+    """Design the temperature PID, whose output is a heating rate (K/s): with the plate's inverse the plate is 1/s."""
     return design_pi(1.0, 0.0, dead_time_s, period_s, ms)
 
 
 def steepest_slope(model: FilmModel, low_degC: float, high_degC: float) -> tuple[float, float]:
-    """Largest |d output / dT| on the major loop (output's unit per K) and its temperature (degC)."""
+    """Return the largest |d output / dT| on the major loop (output's unit per K) and its temperature (degC)."""
     grid = np.linspace(low_degC, high_degC, 2001)
     heating, _ = model.simulate(grid, model.initial_memory(low_degC, "heated"))
     cooling, _ = model.simulate(grid[::-1], model.initial_memory(high_degC, "cooled"))
@@ -154,8 +158,44 @@ def design_log_resistance(
     dead_time_s: float,
     ms: float,
 ) -> Design:
-    """PID on the output alone, in A per decade, at the film's steepest slope: the comparison `pid`."""
+    """Design a PID on the output alone, in A per decade, at the film's steepest slope: the comparison `pid`."""
     slope, where = steepest_slope(model, low_degC, high_degC)
     current = plate.current_for_rate_A(where, 0.0, current_limit_A)
     gain, pole = plate.linearized(where, current)
     return design_pi(slope * gain, max(pole, 0.0), dead_time_s, period_s, ms)
+
+
+@dataclass(frozen=True)
+class OwnPid:
+    """Gains of a controller's own PID: Kp in A/K, Ti and Td in s (0: no such part), sampled every tick_s.
+
+    damping: pole of the filter on dT/dt.
+    """
+
+    kp_A_per_K: float
+    ti_s: float
+    td_s: float = 0.0
+    damping: float = 0.3
+    tick_s: float = 0.1
+
+
+NOISE_SHARE = 0.05  # of the current limit, by which noise of one standard deviation may move the current
+
+
+def design_own_pid(
+    gain_K_per_A_s: float,
+    pole_per_s: float,
+    tick_s: float,
+    dead_time_s: float,
+    ms: float,
+    noise_K: float,
+    current_limit_A: float,
+) -> tuple[OwnPid, Design]:
+    """Design the fastest PI within Ms and the noise, without a derivative: a plate is of the first order."""
+    design = design_pi(gain_K_per_A_s, pole_per_s, dead_time_s, tick_s, ms)
+    most = NOISE_SHARE * current_limit_A / noise_K if noise_K > 0.0 else design.gains.kp
+    if design.gains.kp > most:
+        slower = 1.0 / (gain_K_per_A_s * most)  # closed-loop time and delays together
+        design = design_pi(gain_K_per_A_s, pole_per_s, dead_time_s, tick_s, ms, at_least_s=slower)
+    gains = design.gains
+    return OwnPid(gains.kp, gains.kp / gains.ki, 0.0, tick_s=tick_s), design

@@ -8,7 +8,7 @@
 The film's memory is driven by the temperature of a state observer (plate model corrected by the reading), never by
 the noisy reading itself, which would ratchet the play operators. What the model gets wrong of the resistance is
 estimated as a disturbance on the output and taken off the target: feedback of the resistance through the inverse. Both
-estimates weigh readings by their noise: `compensator.control.estimate`. A step stands for the moment at which its
+estimates weigh readings by their noise: `compensator.control.estimator`. A step stands for the moment at which its
 command acts; the thermometer was read some time before, the ohmmeter before that.
 
 Without an observer the law predicts plate and film by their models alone, and its step is one compiled loop
@@ -31,7 +31,7 @@ from typing import Final
 
 import numpy as np
 
-from compensator.control.disturbance import NONE, moved_to, unknown_errors
+from compensator.control.estimator import NO_ERRORS, initial_errors, with_disturbance
 from compensator.control.law_step import NAMES, Command, Inputs, LawName, LawState, Rule, law_step
 from compensator.control.observer import Observer, observed_step
 from compensator.control.packing import flattener, rebuilder
@@ -53,15 +53,16 @@ LEAVES_EARLIER: Final = 2.0  # lags of the film by which the preview is longer: 
 
 @dataclass(frozen=True)
 class LawSettings:
-    """What the law needs to know.
+    """Settings of a law.
 
-    period_s: of the loop. preview: number of coming targets that a step is given, preview_spacing_s apart, the first
-    one period ahead. reversal: the output turns round for a difference of so many standard deviations of the estimate,
-    and of band at the least; it goes on its way for any. trusts_model: whether the plate model predicts the temperature
-    (otherwise the reading is all that is known). rate_share: share of the plate's fastest rates that the reference may
-    use. most_share: of what the ohmmeter is off the model, that one reading may change the disturbance by
-    (`compensator.control.whole_law.share_within`). heading: of several temperatures for an output the nearest is taken
-    (0), or the one further up (1) or down (-1), where there is one.
+    name, period_s, current_limit_A, gains: of the loop. low_degC, high_degC: limits of the temperature. preview: number
+    of coming targets that a step takes, preview_spacing_s apart, the first one period ahead. reversal: standard
+    deviations of the estimate by which the output has to differ before it turns round; it goes on its way for any
+    difference. trusts_model: True if the plate model predicts the temperature (else only the reading is used).
+    rate_share: share of the plate's fastest rates that the reference may use, fastest_K_per_s: its fastest rate.
+    most_share: largest share of an innovation of the ohmmeter by which one reading may change the disturbance
+    (`compensator.control.margins.share_within`). heading: of several temperatures for an output the nearest is taken
+    (0), or the next one up (1) or down (-1), if there is one.
     """
 
     name: LawName
@@ -72,7 +73,6 @@ class LawSettings:
     gains: PidGains
     preview: int = 8
     preview_spacing_s: float = 0.3
-    band: float = 0.0
     reversal: float = 3.0
     trusts_model: bool = True
     rate_share: float = 0.9
@@ -82,9 +82,9 @@ class LawSettings:
 
 
 class Law:
-    """Parameters of one law, bound to a film and a plate model. It remembers nothing: see `LawState`.
+    """Law bound to a film and a plate model; it keeps no state itself: see `LawState`.
 
-    observer: predicts a chain with effects (`compensator.control.observer.Observer`); None: there are none.
+    observer: prediction of a chain with effects (`compensator.control.observer.Observer`); None if there are none.
     Raises ValueError for a law of the output without a film.
     """
 
@@ -108,7 +108,6 @@ class Law:
             s.low_degC,
             s.high_degC,
             s.preview_spacing_s,
-            s.band,
             s.reversal,
             float(s.trusts_model),
             s.rate_share,
@@ -122,8 +121,11 @@ class Law:
         self.packed_film, self.inverse = inverse.model.packed, inverse.settings(s.heading)
 
     def _output_range(self) -> tuple[float, float]:
-        """(the film's range from one of the law's limits to the other, in the output's unit; 1 where the output turns
-        back on that way, else 0); (1, 0) without a film."""
+        """Return the film's range within the law's limits, in the output's unit, and 1 if the output turns back on that
+        way.
+
+        The second is else 0; (1, 0) without a film.
+        """
         if self.film is None:
             return 1.0, 0.0
         grid = np.linspace(self.settings.low_degC, self.settings.high_degC, GRID)
@@ -135,7 +137,8 @@ class Law:
     def start(
         self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0, test_current_A: float = 0.0
     ) -> LawState:
-        """State at the first reading; memory None: the film's default there. test_current_A: of the ohmmeter."""
+        """Return the state at the first reading; memory None: the film's default there. test_current_A: of the
+        ohmmeter."""
         observer, t = None, temperature_degC
         now = Reference(t, t)
         if memory is None and self.film is not None:
@@ -145,12 +148,12 @@ class Law:
             now = Reference(observer.film_degC, observer.plate_degC + observer.warming_K)
         memory = memory if memory is not None else Memory(t, np.zeros(1))
         pid = PidState(integral=current_A if self.settings.name == "pid" else 0.0)
-        errors = unknown_errors(self.rule.output_range) if self.film is not None else NONE
+        errors = initial_errors(self.rule.output_range) if self.film is not None else NO_ERRORS
         known = memory.input_degC, memory.plays, pid, current_A
         return LawState(t, t, now, now, *known, errors=errors, observer=observer)
 
     def start_anywhere(self, temperature_degC: float, output: float, test_current_A: float = 0.0) -> LawState:
-        """State at the first readings of a film whose memory nobody knows; output: as read, in the film's unit.
+        """Return the state at the first readings of a film with an unknown memory; output: as read, in the film's unit.
 
         The film has been at one of the law's limits, or beyond, at some time: see `compensator.control.unknown_memory`.
         """
@@ -166,22 +169,28 @@ class Law:
         disturbance = mean_of(possible, plays)
         possible.setflags(write=False)
         state = self.start(temperature_degC, Memory(temperature_degC, plays), test_current_A=test_current_A)
-        errors = moved_to(state.errors, disturbance)
+        errors = with_disturbance(state.errors, disturbance)
         errors.setflags(write=False)
         return state._replace(possible=possible, errors=errors)
 
     def preview_times_s(self) -> Array:
-        """How far ahead of a step each target lies that it is given: later than a driver's delay and an ohmmeter's lag,
-        and further behind a film that lags, which has to leave earlier."""
+        """Return how far ahead of a step each of its targets lies, s.
+
+        They are later by a driver's delay and an ohmmeter's lag, and reach further for a lagging film, which has to
+        leave earlier.
+        """
         s, o = self.settings, self.observer
         first = s.period_s + (o.delay_s + o.lead_s if o is not None else 0.0)
         further = math.ceil(LEAVES_EARLIER * o.film_lag_s / s.preview_spacing_s) if o is not None else 0
         return first + s.preview_spacing_s * np.arange(s.preview + further, dtype=np.float64)
 
     def late(self, state: LawState, before_A: float, late_s: float) -> tuple[LawState, float]:
-        """The state after a step whose command acted late_s later (< 0: earlier) than the step stood for, before_A
-        having flowed until then; and by how much it has moved: an observer only goes on, and what flows is not known
-        where the controller has the current."""
+        """Return the state after a step whose command acted late_s later than assumed (< 0: earlier), and the time it
+        moved.
+
+        before_A: current until then. An observer cannot go back, and under a controller's own regulation the current is
+        unknown: in these cases the state stays.
+        """
         if self.settings.name == "instrument_pid" or not self.settings.trusts_model:
             return state, 0.0
         drift, error = state.estimate.drift_K_per_s, state.estimate.drive_error
@@ -197,7 +206,7 @@ class Law:
         return state._replace(temperature_degC=seen.plate_degC, thermometer_degC=shown_degC, observer=seen), late_s
 
     def step(self, state: LawState, inputs: Inputs) -> tuple[Command, LawState]:
-        """One period: what to send, and the state after it. The same arguments give the same bits."""
+        """Return the command and the state after one period. The same arguments give the same bits."""
         if not inputs.targets.flags.writeable:  # another type to the compiled loops
             inputs = inputs._replace(targets=inputs.targets.copy())
         if self.observer is not None:

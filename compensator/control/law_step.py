@@ -14,11 +14,19 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from compensator.compiled import njit
-from compensator.control.disturbance import NONE as NO_ERRORS
-from compensator.control.disturbance import corrected, grown, moved_to, told
-from compensator.control.estimate import Estimate, learned_noise
+from compensator.control.estimator import (
+    NO_ERRORS,
+    Estimate,
+    Predicted,
+    corrected_temperature,
+    disturbance_of,
+    errors_after,
+    errors_later,
+    initial_heats,
+    updated_noise,
+    with_disturbance,
+)
 from compensator.control.packing import numbers_of, packed, unpacked
-from compensator.control.passed_time import led, passed_s
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import (
     FilmNow,
@@ -26,13 +34,12 @@ from compensator.control.reference_shaping import (
     Reach,
     Reference,
     Turn,
-    headed,
-    left_for_later,
+    direction_after,
     limited,
     next_reference,
     next_temperature,
+    stop_short_by,
 )
-from compensator.control.unknown_heat import Foretold, corrected_temperature, unknown_heats
 from compensator.control.unknown_memory import NONE, mean_of, taken_along, weighed
 from compensator.hysteresis.film import Memory, Packed, memory_owning
 from compensator.hysteresis.functions import Array
@@ -44,17 +51,17 @@ from compensator.thermal.plate import step as plate_step
 LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
 NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
 FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)  # places in NAMES, for compiled code
+STALLED: Final = 2.1  # periods from one command to the next beyond which some were missed, not one late
 SLOWEST_K_PER_S: Final = 1e-6  # a reference that can move either way, however little the plate can
 
 
 class Inputs(NamedTuple):
-    """What a step is given. Readings are nan where there is none.
+    """Inputs of a step; readings are nan if there is none.
 
-    output, target_now: in the film's output unit, as read and as wanted then. targets: shape (preview,), at
-    `Law.preview_times_s` after the command acts; for the law "temperature" targets are degC. output_age_s: by how much
-    the output was read before the temperature. acts_after_s: by how much the command acts after the temperature was
-    read. test_current_A: of the ohmmeter, while it read. elapsed_s: between the command before and this one, as they
-    act; nan: a period.
+    output, target_now: reading and target at its time, in the film's output unit. targets: shape (preview,), at
+    `Law.preview_times_s` after the command acts; for the law "temperature" in degC. output_age_s: from the output's
+    reading to the temperature's. acts_after_s: from the temperature's reading until the command acts. test_current_A:
+    of the ohmmeter, while it read. elapsed_s: from the command before until this one acts; nan: a period.
     """
 
     temperature_degC: float
@@ -68,10 +75,10 @@ class Inputs(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What a step commands: the current (A), or for "instrument_pid" the setpoint (degC).
+    """Command of a step: a current (A), or for "instrument_pid" a setpoint (degC).
 
-    reference_degC: where the film should be now. output_model: the film model's output now. reachable: whether the
-    target one period ahead can be reached from here.
+    reference_degC: reference of the film now. output_model: output of the film model now. reachable: True if the target
+    one period ahead can be reached from here.
     """
 
     current_A: float
@@ -82,16 +89,15 @@ class Command(NamedTuple):
 
 
 class LawState(NamedTuple):
-    """All that a law carries from one step to the next; no step changes it.
+    """State of a law between two steps; no step changes it.
 
-    temperature_degC, thermometer_degC: of the plate and of its thermometer, as estimated. left, reference: where film
-    and plate were to be as the last command acted, and where they should be a period later. input_degC, plays: the
-    film's memory. current_A: in force. toward: sign of the output's last move;
-    moved: what the last step planned. warming_K: of the film above the plate, as last planned (nan: not yet). possible:
-    the memories that the film may have, where nobody knows it (`compensator.control.unknown_memory`), plays then their
-    mean; no rows where it is known. errors: what the film model may lack (`compensator.control.disturbance`). heats:
-    how unsteady the plate's unknown heat may be, and how late its thermometer (`compensator.control.unknown_heat`).
-    observer: the state of the law's observer as the last command acts, not told of it yet; None without one.
+    temperature_degC, thermometer_degC: estimates of the plate and its thermometer. left, reference: reference as the
+    last command acted, and a period later. input_degC, plays: the film's memory. current_A: in force. toward: sign of
+    the output's last move; moved: move that the last step planned. warming_K: of the film above the plate, as last
+    planned (nan: not yet). possible: memories that the film may have, if it is unknown
+    (`compensator.control.unknown_memory`), with plays their mean; else no rows. errors, heats: filters of the film
+    model's error and of the plate (`compensator.control.estimator`). observer: its state as the last command acts,
+    before that command; None without one.
     """
 
     temperature_degC: float
@@ -108,22 +114,22 @@ class LawState(NamedTuple):
     estimate: Estimate = Estimate()
     possible: Array = NONE
     errors: Array = NO_ERRORS
-    heats: Array = unknown_heats()
+    heats: Array = initial_heats()
     observer: Any = None
 
     @property
     def memory(self) -> Memory:
-        """The film's memory."""
+        """Return the film's memory."""
         return memory_owning(self.input_degC, self.plays)
 
     @property
     def disturbance(self) -> float:
-        """Reading minus film model, in the output's unit."""
-        return float(told(self.errors)[0])
+        """Return the estimated reading minus film model, in the output's unit."""
+        return float(disturbance_of(self.errors)[0])
 
     @property
     def reference_degC(self) -> float:
-        """Where the film should be now."""
+        """Return the film's reference now."""
         return self.reference.film_degC
 
 
@@ -131,8 +137,10 @@ Known: Any = numbers_of(LawState, "Known", __name__)
 
 
 class Rule(NamedTuple):
-    """A law's parameters as the compiled loops take them, all of them numbers: see `LawSettings`; name is a place in
-    `NAMES`, what is true or false 1 or 0."""
+    """Settings of a law as the compiled loops take them, all numbers: see `LawSettings`.
+
+    name is a place in `NAMES`; True and False are 1 and 0.
+    """
 
     name: float
     period_s: float
@@ -140,7 +148,6 @@ class Rule(NamedTuple):
     low_degC: float
     high_degC: float
     spacing_s: float
-    band: float
     reversal: float
     trusts_model: float
     rate_share: float
@@ -153,45 +160,71 @@ class Rule(NamedTuple):
 
 
 @njit
-def read_temperature(
-    rule: Rule, estimate: Estimate, heats: Array, told: Foretold, lag_s: float, inputs: Inputs
-) -> tuple[float, float, Estimate, Array]:
-    """(thermometer, plate, both in degC as the command acts, the estimate, heats) after the thermometer's reading.
+def passed_s(period_s: float, elapsed_s: float) -> float:
+    """Return the time since the command before acted. elapsed_s: nan: a period."""
+    return period_s if math.isnan(elapsed_s) else elapsed_s
 
-    told: foretold for then; lag_s: of the thermometer behind the plate, as the model has it.
+
+@njit
+def reference_at(
+    period_s: float, elapsed_s: float, left: Reference, reference: Reference, here: Reference
+) -> Reference:
+    """Return the reference as a command acts, elapsed_s (nan: a period) after the one before.
+
+    It lies on the way from the reference at that command, `left`, to the one a period later, `reference`; after periods
+    without a command it is where film and plate are, `here`: they were not controlled in between.
+    """
+    if math.isnan(elapsed_s):
+        return reference
+    if elapsed_s > STALLED * period_s:
+        return here
+    share = elapsed_s / period_s
+    film_K, plate_K = reference.film_degC - left.film_degC, reference.plate_degC - left.plate_degC
+    return Reference(left.film_degC + share * film_K, left.plate_degC + share * plate_K)
+
+
+@njit
+def read_temperature(
+    rule: Rule, estimate: Estimate, heats: Array, predicted: Predicted, lag_s: float, inputs: Inputs
+) -> tuple[float, float, Estimate, Array]:
+    """Return thermometer and plate (degC) as the command acts, the estimate and heats, after the thermometer's reading.
+
+    predicted: for that moment. lag_s: of the thermometer behind the plate in the model.
     """
     reading, since_s = inputs.temperature_degC, passed_s(rule.period_s, inputs.elapsed_s)
     own = rule.name == INSTRUMENT_PID or not rule.trusts_model  # the current is the controller's own: not foretold
     if math.isnan(reading) or rule.name == FEEDFORWARD:
-        noise = learned_noise(estimate.degC, nan, since_s)
+        noise = updated_noise(estimate.degC, nan, since_s)
         known = Estimate(estimate.drift_K_per_s, estimate.drive_error, noise, estimate.output)
         if own:
-            return told.shown_before_degC, told.plate_before_degC, known, heats
-        return told.shown_degC, told.plate_degC, known, heats
+            return predicted.shown_before_degC, predicted.plate_before_degC, known, heats
+        return predicted.shown_degC, predicted.plate_degC, known, heats
     if own:
         return reading, reading, estimate, heats
-    return corrected_temperature(estimate, heats, told, reading, since_s, inputs.acts_after_s, lag_s)
+    return corrected_temperature(estimate, heats, predicted, reading, since_s, inputs.acts_after_s, lag_s)
 
 
 @njit
 def read_output(
     rule: Rule, estimate: Estimate, errors: Array, off: float, moved: float, inputs: Inputs
 ) -> tuple[Estimate, Array]:
-    """(estimate, what the film model may lack) after the ohmmeter's reading, which is `off` the film model; nan: there
-    was none. moved: by how much the output was to move since the reading before."""
+    """Return the estimate and the film model's errors after the ohmmeter's reading.
+
+    off: reading minus film model; nan if there was none. moved: planned move of the output since the reading before.
+    """
     if rule.name not in (FULL, INSTRUMENT_PID):
         return estimate, errors
     since_s = passed_s(rule.period_s, inputs.elapsed_s)
-    errors = grown(errors, rule.output_range, moved, since_s)
-    noise = learned_noise(estimate.output, inputs.output if math.isfinite(off) else nan, since_s)
+    errors = errors_later(errors, rule.output_range, moved, since_s)
+    noise = updated_noise(estimate.output, inputs.output if math.isfinite(off) else nan, since_s)
     known = Estimate(estimate.drift_K_per_s, estimate.drive_error, estimate.degC, noise)
     if not math.isfinite(off):
         return known, errors
-    return known, corrected(errors, off, noise.variance, rule.most_share)
+    return known, errors_after(errors, off, noise.variance, rule.most_share)
 
 
 @njit
-def remembered(
+def memories_after(
     rule: Rule,
     before: Array,
     errors: Array,
@@ -203,17 +236,20 @@ def remembered(
     film: Packed,
     inputs: Inputs,
 ) -> tuple[Array, Array, Array]:
-    """(possible memories, their mean, errors) after a reading, which is `off` the mean memory's output.
+    """Return the possible memories, their mean, and the errors after a reading, which is `off` the mean memory's
+    output.
 
-    possible: at the temperature of now, changed. before, errors: what the film model may lack, before and after the
+    possible: at the present temperature; changed in place. before, errors: of the film model, before and after the
     reading. Without a reading the likelihoods stay.
     """
     mean = np.empty(plays.size)
     if rule.name in (FULL, INSTRUMENT_PID) and math.isfinite(off):
-        doubt = told(grown(before, rule.output_range, moved, passed_s(rule.period_s, inputs.elapsed_s)))[1]
+        doubt = disturbance_of(
+            errors_later(before, rule.output_range, moved, passed_s(rule.period_s, inputs.elapsed_s))
+        )[1]
         variance = doubt + known.output.variance
         possible = weighed(possible, plays, off, doubt / variance, variance, film)
-        errors = moved_to(errors, mean_of(possible, mean))
+        errors = with_disturbance(errors, mean_of(possible, mean))
         return (possible[:0] if possible.shape[0] == 1 else possible), mean, errors
     mean_of(possible, mean)
     return possible, mean, errors
@@ -232,8 +268,10 @@ def planned(
     noise: float,
     targets: Array,
 ) -> Planned:
-    """Where film and plate should be a period after the command acts. targets: without the disturbance; doubt, noise:
-    variances of the output's estimate and of a reading."""
+    """Return the reference a period after the command acts.
+
+    targets: without the disturbance. doubt, noise: variances of the output's estimate and of a reading.
+    """
     low, high = current_range(plate, plate_degC, rule.current_limit_A)
     cooling = max(rule.rate_share * rate(plate, plate_degC, low), -rule.fastest_K_per_s)
     heating = min(rule.rate_share * rate(plate, plate_degC, high), rule.fastest_K_per_s)
@@ -242,10 +280,10 @@ def planned(
     if rule.name == TEMPERATURE:
         found = Planned(next_temperature(targets, now, reach), nan, 0.0, True)
     else:
-        band = max(rule.band, rule.reversal * math.sqrt(doubt)) if rule.name != FEEDFORWARD else 0.0
+        band = rule.reversal * math.sqrt(doubt) if rule.name != FEEDFORWARD else 0.0
         stays_degC = film.degC if rule.folds else now.film_degC  # another branch may lie between them where D folds
         if rule.name == FULL and not rule.folds:
-            targets = targets - left_for_later(targets, min(doubt, noise), film, toward, rule.period_s)
+            targets = targets - stop_short_by(targets, min(doubt, noise), film, toward, rule.period_s)
         found = next_reference(targets, Turn(band, toward, stays_degC), film, now, reach)
     film_degC = limited(found.reference.film_degC, rule.low_degC, rule.high_degC)
     own_degC = limited(found.reference.plate_degC, rule.low_degC, rule.high_degC)
@@ -256,9 +294,9 @@ def planned(
 def driven(
     rule: Rule, plate: Array, plate_degC: float, now_degC: float, next_degC: float, pid: PidState
 ) -> tuple[float, PidState]:
-    """(current, the PID's state) that takes the plate from where it should be now to where it should be next.
+    """Return the current that takes the plate from its reference now to the next one, and the PID's state.
 
-    Without feedback it goes from where the model says that it is.
+    Without feedback it starts from the plate's temperature by the model.
     """
     feedback = rule.name in (FULL, TEMPERATURE)
     wanted = (next_degC - (now_degC if feedback else plate_degC)) / rule.period_s
@@ -278,7 +316,7 @@ def driven(
 def on_the_output(
     rule: Rule, plate: Array, here: float, pid: PidState, current: float, inputs: Inputs
 ) -> tuple[float, PidState]:
-    """(current, the PID's state) of the law "pid": the last current holds while there is no reading."""
+    """Return the current and the PID's state of the law "pid": the last current holds while there is no reading."""
     if not math.isfinite(inputs.output):
         return current, pid
     wanted, pid = pid_output(rule.gains, pid, inputs.target_now, inputs.output, rule.period_s)
@@ -304,17 +342,19 @@ def law_step(
     heats: Array,
     inputs: Inputs,
 ) -> tuple[Answer, Array, Array, Array, Array, Array]:
-    """One period of a law whose plate and film have no effects on them: (the command's numbers; the next state's
-    numbers, play operators, possible memories, errors of the film model, unknown heats). ruled: the numbers of `Rule`;
-    numbers: of `Known`."""
+    """Do one period of a law whose plate and film have no effects.
+
+    Returns the command's numbers, and the next state's numbers, play operators, possible memories, errors of the film
+    model and heats. ruled: the numbers of `Rule`; numbers: of `Known`.
+    """
     rule, s = unpacked(ruled, Rule), unpacked(numbers, Known)
     period, drift = rule.period_s, s.estimate.drift_K_per_s
     since_s = passed_s(period, inputs.elapsed_s)
     driven_K_per_s = drive_rate(plate, s.temperature_degC, s.current_A)
     plate = with_drive(plate, 1.0 + s.estimate.drive_error)
     here = plate_step(plate, s.temperature_degC, s.current_A, since_s) + drift * since_s
-    foretold = Foretold(here, here, s.thermometer_degC, s.temperature_degC, driven_K_per_s)
-    shown, here, known, heats = read_temperature(rule, s.estimate, heats, foretold, 0.0, inputs)
+    predicted = Predicted(here, here, s.thermometer_degC, s.temperature_degC, driven_K_per_s)
+    shown, here, known, heats = read_temperature(rule, s.estimate, heats, predicted, 0.0, inputs)
     plays, possible, errors, output, v = plays.copy(), possible.copy(), errors.copy(), nan, s.input_degC
     envelopes, radii, _, _, _ = film
     if rule.has_film:
@@ -328,22 +368,22 @@ def law_step(
         before = errors
         known, errors = read_output(rule, known, errors, off, s.moved, inputs)
         if possible.shape[0] > 0:
-            possible, plays, errors = remembered(
+            possible, plays, errors = memories_after(
                 rule, before, errors, known, possible, plays, off, s.moved, film, inputs
             )
             output = output_of(film, here, plays)
-    disturbance, doubt = told(errors)
+    disturbance, doubt = disturbance_of(errors)
     if rule.name == PID:
         current, pid = on_the_output(rule, plate, here, s.pid, s.current_A, inputs)
         after = Known(here, shown, s.left, s.reference, v, pid, current, s.toward, s.moved, nan, known)
         return (current, nan, nan, nan, True), packed(after, numbers.size), plays, possible, errors, heats
     there = FilmNow(v, plays, film, inverse)
     targets = inputs.targets - disturbance
-    now = led(period, inputs.elapsed_s, s.left, s.reference, Reference(here, here))
+    now = reference_at(period, inputs.elapsed_s, s.left, s.reference, Reference(here, here))
     plan = planned(rule, plate, here, 0.0, there, now, s.toward, doubt, known.output.variance, targets)
     now_degC, next_degC = now.film_degC, plan.reference.film_degC
     current, pid = driven(rule, plate, here, now_degC, next_degC, s.pid)
-    toward = headed(s.toward, now, plan)
+    toward = direction_after(s.toward, now, plan)
     after = Known(here, shown, now, plan.reference, v, pid, current, toward, plan.move, nan, known)
     answer = current, next_degC, now_degC, output, plan.reached
     return answer, packed(after, numbers.size), plays, possible, errors, heats

@@ -17,8 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from compensator.control.disturbance import told
-from compensator.control.estimate import Estimate
+from compensator.control.estimator import Estimate, Predicted, disturbance_of
 from compensator.control.law_step import (
     TEMPERATURE,
     Command,
@@ -26,14 +25,14 @@ from compensator.control.law_step import (
     LawState,
     Rule,
     driven,
+    memories_after,
+    passed_s,
     planned,
     read_output,
     read_temperature,
-    remembered,
+    reference_at,
 )
-from compensator.control.passed_time import led, passed_s
-from compensator.control.reference_shaping import FilmNow, Reference, headed
-from compensator.control.unknown_heat import Foretold
+from compensator.control.reference_shaping import FilmNow, Reference, direction_after
 from compensator.control.unknown_memory import taken_along
 from compensator.hysteresis.film import Memory, Packed
 from compensator.hysteresis.functions import Array
@@ -41,45 +40,14 @@ from compensator.inverse.solve import Settings
 from compensator.thermal.plate import PlateModel, with_drive
 
 
-class Observed(Protocol):
-    """What an observer knows at a moment; it is never changed.
-
-    plate_degC, film_degC: the estimates (without a film the same). thermometer_degC: what a thermometer without noise
-    shows. output: of the film itself; shown_output: of what the ohmmeter shows; nan without a film. warming_K: of the
-    film, above what its lag makes of the plate. driven_K_per_s: what the model's drive gave of the plate's heating over
-    the last period. film_memory: None without a film.
-    """
-
-    @property
-    def plate_degC(self) -> float: ...
-
-    @property
-    def film_degC(self) -> float: ...
-
-    @property
-    def thermometer_degC(self) -> float: ...
-
-    @property
-    def output(self) -> float: ...
-
-    @property
-    def shown_output(self) -> float: ...
-
-    @property
-    def warming_K(self) -> float: ...
-
-    @property
-    def driven_K_per_s(self) -> float: ...
-
-    @property
-    def film_memory(self) -> Memory | None: ...
-
-
 class Observer(Protocol):
-    """Predicts a chain with effects, a period at a time; each method is a function of its arguments alone.
+    """Prediction of a chain with effects, a period at a time; each method is a function of its arguments alone.
 
-    Times in s: thermometer_lag_s, film_lag_s, of first-order lags; lead_s: by how much the ohmmeter is late; delay_s:
-    of the driver. `sim.model.observer.Observer` is one.
+    Times in s: thermometer_lag_s, film_lag_s: of first-order lags; lead_s: lag of the ohmmeter; delay_s: of the driver.
+    A state is never changed; it has plate_degC, film_degC (without a film the same), thermometer_degC (without noise),
+    output (of the film itself) and shown_output (at the ohmmeter; nan without a film), warming_K (of the film above
+    what its lag makes of the plate), driven_K_per_s (heating by the model's drive over the last period) and film_memory
+    (None without a film). `sim.model.observer.Observer` is one.
     """
 
     thermometer_lag_s: float
@@ -88,51 +56,53 @@ class Observer(Protocol):
     delay_s: float
 
     def start(self, plate_degC: float, memory: Memory | None = None, test_current_A: float = 0.0) -> Any:
-        """As if all had been constant before."""
+        """Return the state of a chain at rest."""
         ...
 
     def sent(self, state: Any, current_A: float) -> Any:
-        """A current is commanded at the state's time."""
+        """Return the state with a current commanded at its time."""
         ...
 
     def predicted(
         self, state: Any, unknown_K_per_s: float = 0.0, elapsed_s: float = math.nan, drive_error: float = 0.0
     ) -> Any:
-        """Time passes in driver, plate and thermometer, a period where elapsed_s is nan; unknown_K_per_s: heating that
-        the model does not know; drive_error: by what share the drive heats and cools more than the model says."""
+        """Return the state a period (or elapsed_s) later in driver, plate and thermometer.
+
+        unknown_K_per_s: heating that is not in the model. drive_error: share by which the drive exceeds the model's.
+        """
         ...
 
     def followed(self, state: Any, plate_degC: float, thermometer_degC: float, test_current_A: float = 0.0) -> Any:
-        """Plate and thermometer corrected to these, then film and ohmmeter over the same period."""
+        """Return the state with plate and thermometer corrected, then film and ohmmeter over the same period."""
         ...
 
     def remembering(self, state: Any, memory: Memory) -> Any:
-        """The film has this memory, at its own temperature."""
+        """Return the state of a film with this memory, at its own temperature."""
         ...
 
     def ahead(
         self, state: Any, test_current_A: float = 0.0, unknown_K_per_s: float = 0.0, drive_error: float = 0.0
     ) -> Any:
-        """The state when a command of now acts."""
+        """Return the state at which a command of now acts."""
         ...
 
     def plate_now(self, state: Any) -> PlateModel:
-        """A plate without effects that heats and cools as this one does now."""
+        """Return a plate without effects that heats and cools as this one does now."""
         ...
 
     def own(self, output: Array | float) -> Array:
-        """The film's own output for what the ohmmeter shows of it, lags left aside."""
+        """Return the film's own output for what the ohmmeter shows of it, lags left aside."""
         ...
 
     def warming_K(self, state: Any, output: float, test_current_A: float = 0.0, later_s: float = 0.0) -> float:
-        """Of the film, if its own output were this, later_s after the state's time."""
+        """Return the warming of the film if its own output were this, later_s after the state's time."""
         ...
 
 
 def observed_step(
     rule: Rule, film: Packed, inverse: Settings, observer: Observer, state: LawState, inputs: Inputs
 ) -> tuple[Command, LawState]:
-    """One period of a law with an observer: see the module."""
+    """Return the command and the state after one period of a law with an observer: see the module."""
     seen, estimate, errors, heats, possible = observed(rule, film, observer, state, inputs)
     test = inputs.test_current_A
     there = observer.ahead(seen, test, estimate.drift_K_per_s, estimate.drive_error)
@@ -144,8 +114,8 @@ def observed_step(
     wanted = inputs.targets if rule.name == TEMPERATURE else observer.own(inputs.targets)
     here = Reference(there.film_degC, there.plate_degC + there.warming_K)
     left, reference = Reference(*state.left), Reference(*state.reference)
-    before = led(rule.period_s, inputs.elapsed_s, left, reference, here)
-    lag_s, (disturbance, doubt) = observer.film_lag_s, told(errors)
+    before = reference_at(rule.period_s, inputs.elapsed_s, left, reference, here)
+    lag_s, (disturbance, doubt) = observer.film_lag_s, disturbance_of(errors)
     targets, noise = wanted - disturbance, estimate.output.variance
     plan = planned(rule, plate, there.plate_degC, lag_s, there_now, before, state.toward, doubt, noise, targets)
     next_output = there.output if math.isnan(plan.output) else plan.output + disturbance
@@ -163,7 +133,7 @@ def observed_step(
         memory.plays,
         pid,
         current,
-        headed(state.toward, before, plan),
+        direction_after(state.toward, before, plan),
         plan.move,
         warming_K,
         estimate,
@@ -177,15 +147,14 @@ def observed_step(
 def observed(
     rule: Rule, film: Packed, observer: Observer, state: LawState, inputs: Inputs
 ) -> tuple[Any, Estimate, Array, Array, Array]:
-    """(the observer's state after both readings, the estimate, errors of the film model, unknown heats, the possible
-    memories)."""
+    """Return the observer's state after both readings, estimate, errors of the film model, unknown heats, memories."""
     before, possible, known = observer.sent(state.observer, state.current_A), state.possible, state.estimate
     now = observer.predicted(before, known.drift_K_per_s, inputs.elapsed_s, known.drive_error)
-    foretold = Foretold(
+    predicted = Predicted(
         now.thermometer_degC, now.plate_degC, before.thermometer_degC, before.plate_degC, now.driven_K_per_s
     )
     lag_s = observer.thermometer_lag_s
-    shown, plate, estimate, heats = read_temperature(rule, known, state.heats, foretold, lag_s, inputs)
+    shown, plate, estimate, heats = read_temperature(rule, known, state.heats, predicted, lag_s, inputs)
     heats.setflags(write=False)
     now = observer.followed(now, plate, shown, inputs.test_current_A)
     if possible.size > 0:
@@ -200,7 +169,7 @@ def observed(
     known, errors = read_output(rule, estimate, state.errors.copy(), off, state.moved, inputs)
     if possible.size > 0:
         plays = np.array(now.film_memory.plays)
-        possible, plays, errors = remembered(
+        possible, plays, errors = memories_after(
             rule, state.errors.copy(), errors, known, possible, plays, off, state.moved, film, inputs
         )
         now = observer.remembering(now, Memory(now.film_degC, plays))

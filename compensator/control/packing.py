@@ -24,7 +24,7 @@ Numbers = TypeVar("Numbers")
 
 @cache
 def fields_of(kind: type) -> dict[str, type]:
-    """The fields of a named tuple that are numbers: floats, and named tuples of such."""
+    """Return the fields of a named tuple that are numbers: floats, and named tuples of such."""
     hints = get_type_hints(kind)
     return {name: hints[name] for name in kind._fields if _is_number(hints[name])}  # type: ignore[attr-defined]
 
@@ -34,7 +34,7 @@ def _is_number(kind: Any) -> bool:
 
 
 def numbers_of(kind: type, name: str, module: str) -> Any:
-    """A named tuple of those fields of another that are numbers."""
+    """Return a named tuple of those fields of another that are numbers."""
     made = namedtuple(name, fields_of(kind), module=module)  # type: ignore[misc]
     made.__annotations__ = dict(fields_of(kind))
     made.__doc__ = f"The numbers of `{kind.__name__}`, in its order."
@@ -43,8 +43,11 @@ def numbers_of(kind: type, name: str, module: str) -> Any:
 
 @cache
 def flattener(kind: type) -> Callable[[Any], tuple[float, ...]]:
-    """What takes all numbers out of a tuple of that kind, in order: one expression, made of its fields as `namedtuple`
-    makes a class of them, because a walk through the fields takes four times as long."""
+    """Return a function that takes all numbers out of a tuple of that kind, in order.
+
+    It is one expression, made of the fields as `namedtuple` makes a class: a walk through them takes four times as
+    long.
+    """
 
     def taken(one: type, place: str) -> list[str]:
         each = [(f"{place}.{name}", inside) for name, inside in fields_of(one).items()]
@@ -56,7 +59,7 @@ def flattener(kind: type) -> Callable[[Any], tuple[float, ...]]:
 
 @cache
 def rebuilder(kind: type) -> Callable[..., Any]:
-    """What makes a tuple of that kind out of a list of its numbers in order, and its other fields by name."""
+    """Return a function that makes a tuple of that kind of a list of its numbers, and of its other fields."""
     names: dict[str, Any] = {"new": tuple.__new__}
     others: list[str] = []
 
@@ -78,7 +81,7 @@ def rebuilder(kind: type) -> Callable[..., Any]:
 
 
 def _compiled_type(kind: type) -> Any:
-    """What numba calls such a tuple."""
+    """Return numba's type of such a tuple."""
     inside = [types.float64 if each is float else _compiled_type(each) for each in fields_of(kind).values()]
     if all(each == inside[0] for each in inside):
         return types.NamedUniTuple(inside[0], len(inside), kind)  # type: ignore[no-untyped-call]
@@ -117,7 +120,7 @@ stored: Callable[[Any, Array], None] = cast(Any, _store)
 
 @njit
 def packed(numbers: Any, count: int) -> Array:
-    """A new array of a tuple's count numbers; for compiled loops."""
+    """Return a tuple's count numbers in a new array; for compiled loops."""
     array = np.empty(count)
     stored(numbers, array)
     return array

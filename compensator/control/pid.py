@@ -19,7 +19,7 @@ from compensator.compiled import njit
 
 
 class PidGains(NamedTuple):
-    """Kp in u/y, Ki in u/(y s), Kd in u s/y, times in s. b, c: setpoint weights of P and D."""
+    """Gains: Kp in u/y, Ki in u/(y s), Kd in u s/y, times in s. b, c: setpoint weights of P and D."""
 
     kp: float
     ki: float
@@ -42,7 +42,7 @@ class PidState(NamedTuple):
 def pid_output(
     gains: PidGains, state: PidState, setpoint: float, measured: float, period_s: float
 ) -> tuple[float, PidState]:
-    """P + I + D at this sample, unlimited, and the state with its derivative brought up to date."""
+    """Return P + I + D at this sample, unlimited, and the state with its derivative brought up to date."""
     error = gains.c * setpoint - measured
     change = 0.0 if math.isnan(state.weighted_error) else error - state.weighted_error
     derivative = (gains.filter_time_s * state.derivative + gains.kd * change) / (gains.filter_time_s + period_s)
@@ -54,13 +54,7 @@ def pid_output(
 def pid_integrate(
     gains: PidGains, state: PidState, setpoint: float, measured: float, shortfall: float, period_s: float
 ) -> PidState:
-    """The integral for the next sample; shortfall: what was applied minus what was wanted (0 when not limited)."""
+    """Return the state with the integral for the next sample; shortfall: applied minus wanted (0 if not limited)."""
     integral = state.integral + gains.ki * period_s * (setpoint - measured)
     integral += min(period_s / gains.tracking_time_s, 1.0) * shortfall
     return PidState(integral, state.derivative, state.weighted_error)
-
-
-def bumpless(gains: PidGains, new: PidGains, state: PidState, setpoint: float, measured: float) -> PidState:
-    """The state with which new gains give the output of the old ones at this sample."""
-    proportional = gains.kp * (gains.b * setpoint - measured) - new.kp * (new.b * setpoint - measured)
-    return PidState(state.integral + proportional, state.derivative, new.c * setpoint - measured)

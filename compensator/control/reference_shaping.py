@@ -12,6 +12,9 @@ limit the film's acceleration, and a film at rate u needs the distance
 to come to rest: it is never faster than what stops it at its goal. Where the wanted temperature changes its rate, the
 plate has to run ahead of the film by tau times the new rate, which takes it a while. So a lagging film makes for where
 it will be wanted a little later; several such leads are run through the model, and the best one is taken.
+
+How far ahead: as long as the plate takes across the film's loop, at most by whose width the wanted temperature jumps
+(`crossing_s`). What lies further ahead than the crossing changes nothing of what to do now.
 """
 
 from __future__ import annotations
@@ -23,21 +26,21 @@ import numpy as np
 
 from compensator.compiled import njit
 from compensator.hysteresis import play
-from compensator.hysteresis.film import Packed
+from compensator.hysteresis.film import FilmModel, Packed
 from compensator.hysteresis.functions import Array
 from compensator.inverse.branch import workspace
 from compensator.inverse.solve import HIGH, LOW, Settings, arrive, solve
+from compensator.thermal.plate import PlateModel
 
 DEPARTURES: Final = 5  # departure times that are tried, between now and just in time
 LEADS: Final = 9  # of a lagging film: twice as many leave 0.93 of the error, half as many 1.3 times it
 LONGEST_LEAD: Final = 0.6  # of the film's lag: the longest lead that is tried
 CAUTION: Final = 1.0  # standard deviations of the output, by which a film stops short of a target that stays
 CLOSES_S: Final = 0.3  # in which it then goes the rest of the way: some readings
-SLOWED_S: Final = 2.0  # a film that lags by this much leaves for a jump as if the plate had half of its rates
 
 
 class FilmNow(NamedTuple):
-    """A film's temperature (degC) and play operators, shape (operators,); its model, and its inverse's settings."""
+    """Film at this moment: temperature (degC), play operators, shape (operators,), its model and inverse's settings."""
 
     degC: float
     plays: Array
@@ -46,8 +49,8 @@ class FilmNow(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """When the output may turn round: band, in its unit, and the sign of its last move; stays_degC: where the film is
-    to stay until then."""
+    """Condition for a reversal of the output: band, in its unit, and the sign of its last move; stays_degC: temperature
+    until then."""
 
     band: float
     toward: float
@@ -55,10 +58,10 @@ class Turn(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """What the plate can do, and when the targets are wanted.
+    """Limits of the plate, and the times of the targets.
 
-    They lie first_s, first_s + spacing_s, ... ahead; slowest < 0 < fastest are the plate's rates (K/s); lag_s: of the
-    film behind the plate.
+    The targets lie first_s, first_s + spacing_s, ... ahead; slowest < 0 < fastest are the plate's rates (K/s); lag_s:
+    of the film behind the plate.
     """
 
     spacing_s: float
@@ -69,17 +72,17 @@ class Reach(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """Where film and plate should be, degC; the plate without what warms the film above it."""
+    """Reference of film and plate, degC; of the plate without the film's warming above it."""
 
     film_degC: float
     plate_degC: float
 
 
 class Planned(NamedTuple):
-    """What the reference does next.
+    """Next reference.
 
-    reference: at the first target's time. output: of the film model there; move: from its present output. reached:
-    whether the first target can be reached.
+    reference: at the first target's time. output: of the film model there; move: from its present output. reached: True
+    if the first target can be reached.
     """
 
     reference: Reference
@@ -90,8 +93,11 @@ class Planned(NamedTuple):
 
 @njit
 def held_temperature(target: float, film: FilmNow, reference_degC: float) -> float:
-    """Where a film stays (degC) that asks for no move: where it was to be, unless that leads away from the target; then
-    where it is. A reference that followed the film would take every drift of the plate for its own."""
+    """Return the temperature (degC) of a film that need not move.
+
+    It is the reference so far, unless that leads away from the target; then the film's own temperature. A reference
+    that followed the film would take every drift of the plate for its own.
+    """
     memory, envelopes, radii = film.plays.copy(), film.model[0], film.model[1]
     here = play.output_of(film.model, film.degC, memory)
     play.advance(reference_degC, film.degC, envelopes, radii, memory)
@@ -101,12 +107,12 @@ def held_temperature(target: float, film: FilmNow, reference_degC: float) -> flo
 
 @njit
 def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures: Array) -> bool:
-    """Temperatures (degC) for the coming targets from the present memory.
+    """Fill the temperatures (degC) for the coming targets from the present memory; return True if the first is
+    reachable.
 
     To go on the way of its last move the film needs little; to turn round it has to cross the loop, so that noise on
     the output would become degrees: a target within the band of the present output on the other side asks for no move.
-    Returns whether the first target can be reached; where one cannot, the temperature stays, or goes to the limit on
-    whose side the target lies.
+    If a target cannot be reached, the temperature goes to the limit on its side.
     """
     first_reached, toward, band = True, turn.toward, turn.band
     held = held_temperature(targets[0], film, turn.stays_degC)
@@ -135,13 +141,12 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures:
 
 
 @njit
-def left_for_later(targets: Array, doubt: float, film: FilmNow, toward: float, period_s: float) -> float:
-    """How much of the way to a target that stays is not gone in this period: as much as the output is not known by, but
-    for what closes in `CLOSES_S`.
+def stop_short_by(targets: Array, doubt: float, film: FilmNow, toward: float, period_s: float) -> float:
+    """Return the part of the way to a constant target that is left for later periods, signed, in the output's unit.
 
-    To arrive late costs a moment; to arrive beyond costs a turning point that nobody planned. Signed, in the output's
-    unit; doubt: the variance of the output; toward: the sign of its last move. Nothing where the target goes on, or the
-    output has to turn round.
+    It is the standard deviation of the output, and closes in `CLOSES_S`: to arrive late costs a moment; to arrive
+    beyond costs an unplanned turning point. doubt: the variance of the output. toward: the sign of its last move. 0 if
+    the target moves, or if the output has to turn round.
     """
     gap = targets[0] - play.output_of(film.model, film.degC, film.plays)
     if gap * toward <= 0.0 or np.max(targets) > np.min(targets):
@@ -152,15 +157,14 @@ def left_for_later(targets: Array, doubt: float, film: FilmNow, toward: float, p
 
 @njit
 def limited(value: float, low: float, high: float) -> float:
-    """The value held within [low, high]."""
+    """Return the value held within [low, high]."""
     return min(max(value, low), high)
 
 
 @njit
 def latest_departures(wanted: Array, reach: Reach, departures: Array) -> None:
-    """Where the plate has to be at each moment to arrive in time: the wanted temperatures limited backwards."""
-    slower = 1.0 / (1.0 + reach.lag_s / SLOWED_S)
-    slowest, fastest = slower * reach.slowest * reach.spacing_s, slower * reach.fastest * reach.spacing_s
+    """Fill the latest temperatures that arrive in time: the wanted ones limited backwards by the plate's rates."""
+    slowest, fastest = reach.slowest * reach.spacing_s, reach.fastest * reach.spacing_s
     last = wanted.size - 1
     departures[last] = wanted[last]
     for i in range(last - 1, -1, -1):
@@ -170,7 +174,7 @@ def latest_departures(wanted: Array, reach: Reach, departures: Array) -> None:
 
 @njit
 def stopping_rate(distance: float, braking: float, lag_s: float) -> float:
-    """The fastest rate (K/s, > 0) from which a lagging film comes to rest within a distance (K, >= 0)."""
+    """Return the fastest rate (K/s, > 0) from which a lagging film comes to rest within a distance (K, >= 0)."""
     share = distance / (lag_s * braking)
     r = share + math.sqrt(2.0 * share)  # u / s, between its limits for short and long distances
     for _ in range(2):  # Newton: right to a thousandth
@@ -181,7 +185,7 @@ def stopping_rate(distance: float, braking: float, lag_s: float) -> float:
 
 @njit
 def moved(now: Reference, goal: float, ahead_s: float, dt: float, reach: Reach) -> Reference:
-    """The reference dt later on its way to a goal that is wanted ahead_s from now, at the plate's rates."""
+    """Return the reference dt later on its way to a goal that is wanted ahead_s from now, at the plate's rates."""
     slowest, fastest, lag = reach.slowest * dt, reach.fastest * dt, reach.lag_s
     if lag == 0.0:
         degC = now.film_degC + limited(goal - now.film_degC, slowest, fastest)
@@ -197,9 +201,9 @@ def moved(now: Reference, goal: float, ahead_s: float, dt: float, reach: Reach) 
 
 @njit
 def first_goal(i: int, reach: Reach) -> tuple[int, float]:
-    """(which goal the i-th step of the reference makes for, how far ahead it lies, s).
+    """Return (which goal the i-th step of the reference aims at, how far ahead it lies, s).
 
-    A lagging film makes for the second one first: a rate over a single period would be noise, times the lag.
+    A lagging film aims at the second one first: a rate over a single period would be noise, times the lag.
     """
     if i > 0:
         return i, reach.spacing_s
@@ -208,14 +212,14 @@ def first_goal(i: int, reach: Reach) -> tuple[int, float]:
 
 @njit
 def lead_of(choice: int, reach: Reach) -> int:
-    """A lead, in targets: more of them are short than long."""
+    """Return a lead, in targets: more of them are short than long."""
     share = choice / (LEADS - 1.0)
     return round(share * share * LONGEST_LEAD * reach.lag_s / reach.spacing_s)
 
 
 @njit
 def next_temperature(wanted: Array, now: Reference, reach: Reach) -> Reference:
-    """The reference after first_s where temperatures themselves are wanted: half-way between now and in time."""
+    """Return the reference after first_s for wanted temperatures: half-way between now and just in time."""
     departures = np.empty(wanted.size)
     latest_departures(wanted, reach, departures)
     k, ahead_s = first_goal(0, reach)
@@ -224,10 +228,10 @@ def next_temperature(wanted: Array, now: Reference, reach: Reach) -> Reference:
 
 @njit
 def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, reach: Reach) -> Planned:
-    """The reference after first_s. targets: outputs, shape (targets,).
+    """Return the reference after first_s. targets: outputs, shape (targets,).
 
     Of several departure times, from `now` to `just in time`, or of several leads of a lagging film, the one is taken
-    whose course, limited to the plate's rates and run through the film model, keeps the smallest squared error over the
+    whose course, limited to the plate's rates and run through the film model, has the smallest squared error over the
     preview.
     """
     count, lagging = targets.size, reach.lag_s > 0.0
@@ -263,8 +267,51 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
 
 
 @njit
-def headed(toward: float, before: Reference, plan: Planned) -> float:
-    """The sign of the output's last move, with this plan's."""
+def direction_after(toward: float, before: Reference, plan: Planned) -> float:
+    """Return the sign of the output's last move, with this plan's."""
     if plan.move != 0.0 and plan.reference.film_degC != before.film_degC:
         return math.copysign(1.0, plan.move)
     return toward
+
+
+STEP_K: Final = 0.05  # of the grid on which the branches are compared; a loop is some kelvin wide
+TAIL: Final = 0.02  # of the major loop's range at either end, where its branches run together and a width means nothing
+POINTS: Final = 12  # targets over a crossing: with twice as many the error is 2 % less (`benchmark tracking`, slow)
+POINTS_OF_A_LAG: Final = 20  # targets over a film's lag: half as many leave 1.3 times the error of 2 s, twice the same
+LONGEST_S: Final = 120.0  # of a heater that cools by itself; a step of the law takes longer with each target
+
+
+def crossing_s(film: FilmModel, plate: PlateModel, limit_A: float, low_degC: float, high_degC: float) -> float:
+    """Return the longest time (s) in which the plate, within its current limit, crosses the film's major loop.
+
+    A crossing leads from one branch to the other at the same output; 0 for a film without a loop in this range.
+    """
+    grid = np.arange(low_degC, high_degC, STEP_K)
+    if grid.size < 2:
+        return 0.0
+    rising, _ = film.simulate(grid, film.initial_memory(low_degC, "heated"))
+    falling, _ = film.simulate(grid[::-1], film.initial_memory(high_degC, "cooled"))
+    rising, falling = np.maximum.accumulate(rising), np.maximum.accumulate(falling[::-1])
+    least, most = max(rising[0], falling[0]), min(rising[-1], falling[-1])
+    inside = TAIL * (most - least)
+    levels = np.linspace(least + inside, most - inside, 200)
+    up, down = np.interp(levels, rising, grid), np.interp(levels, falling, grid)
+    longest = 0.0
+    for warm, cold in zip(up, down, strict=True):
+        if warm > cold:
+            cooling, heating = plate.rate_range_K_per_s(0.5 * float(warm + cold), limit_A)
+            slower = min(-cooling, heating)
+            longest = max(longest, float(warm - cold) / slower if slower > 0.0 else LONGEST_S)
+    return min(longest, LONGEST_S)
+
+
+def preview(horizon_s: float, period_s: float, lag_s: float = 0.0) -> tuple[int, float]:
+    """Return (how many targets, how far apart in s) over a horizon: at least two, no closer than a period.
+
+    lag_s: of the film behind the plate, which must know in time how its goals change their rate.
+    """
+    spacing_s = horizon_s / POINTS
+    if lag_s > 0.0:
+        spacing_s = min(spacing_s, lag_s / POINTS_OF_A_LAG)
+    spacing_s = max(period_s, spacing_s)
+    return max(2, math.ceil(horizon_s / spacing_s - 1e-9)), spacing_s

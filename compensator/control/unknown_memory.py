@@ -1,13 +1,13 @@
-"""A film whose memory nobody knows: the memories that it may have, each weighed by the readings.
+"""A film with an unknown memory: the memories that it may have, each weighted by the likelihood of the readings.
 
     possible   rows of play operators' outputs, a disturbance and a log-likelihood: shape (memories, operators + 2)
 
-Each memory is what a random course from one end of the loop has left, its last turning point such that the output is
-the first reading. All are taken along the temperature; a reading off a memory's output corrects that memory's own
-disturbance as it corrects the law's (`compensator.control.estimate`), and costs it likelihood by what it is off beyond
-that, so that memories which say alike stay alike. The law goes by their mean, which is a memory too: play operators'
-outputs lie between bounds. It never moves the film for the sake of knowing: where the film has not been since, nothing
-is learned, and nothing was needed. When all likely memories are the same, one is left and no longer weighed.
+Each memory is left by a random course from one end of the loop, whose last turning point is such that the output is the
+first reading. All follow the temperature; a reading corrects each memory's own disturbance as it corrects the law's
+(`compensator.control.estimator`), and reduces its likelihood by the remaining difference, so that memories with the
+same output stay alike. The law uses their mean, which is a memory too: play operators' outputs lie between bounds. It
+never moves the film in order to learn its memory: what matters of it shows as the film moves. When all likely memories
+are the same, one remains and is no longer weighted.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ NONE.setflags(write=False)
 
 @njit
 def _returned(v: float, turn: float, film: Packed, before: Array, plays: Array) -> float:
-    """The output at v after an excursion to `turn` and back, from `before`; plays: the memory then."""
+    """Return the output at v after an excursion to `turn` and back, from `before`; plays: the memory then."""
     plays[:] = before
     advance(turn, v, film[0], film[1], plays)
     advance(v, turn, film[0], film[1], plays)
@@ -46,7 +46,7 @@ def _returned(v: float, turn: float, film: Packed, before: Array, plays: Array) 
 
 @njit
 def _one(output: float, v: float, ends: Array, film: Packed, chance: Array, plays: Array) -> bool:
-    """A memory at v with that output into `plays`; False where this course leads to none.
+    """Find a memory at v with that output, into `plays`; return False if this course leads to none.
 
     plays: as they are at the end that chance[0] says. chance: TURNS + 2 numbers.
     """
@@ -75,7 +75,7 @@ def _one(output: float, v: float, ends: Array, film: Packed, chance: Array, play
 
 @njit
 def _drawn(output: float, v: float, ends: Array, film: Packed, chances: Array, noise: Array, start: Array) -> Array:
-    """The memories that were found, as `possible`; start: the plays at the ends, shape (2, operators)."""
+    """Return the memories that were found, as `possible`; start: the plays at the ends, shape (2, operators)."""
     operators = film[1].size
     rows, found, tried = np.zeros((noise.size, operators + 2)), 0, 0
     while found < noise.size and tried < chances.shape[0]:
@@ -90,9 +90,9 @@ def _drawn(output: float, v: float, ends: Array, film: Packed, chances: Array, n
 
 
 def possible_memories(film: FilmModel, degC: float, output: float, low_degC: float, high_degC: float) -> Array:
-    """Memories with which a film at that temperature (degC) may show that output. The same arguments, the same rows.
+    """Return memories with which a film at that temperature (degC) may show that output, reproducibly.
 
-    low_degC, high_degC: the film has been at one of them; none where no course leads to the output.
+    low_degC, high_degC: the film has been at one of them. No row if no course leads to the output.
     """
     rng = np.random.default_rng(0)
     chances, noise = rng.random((TRIES * COUNT, TURNS + 2)), OFF_DEC * rng.standard_normal(COUNT)
@@ -104,7 +104,7 @@ def possible_memories(film: FilmModel, degC: float, output: float, low_degC: flo
 
 @njit
 def mean_of(possible: Array, plays: Array) -> float:
-    """The mean memory into `plays`, and the mean disturbance, each weighed by its likelihood."""
+    """Put the weighted mean memory into `plays`, and return the mean disturbance."""
     operators = plays.size
     best, total, disturbance = np.max(possible[:, operators + 1]), 0.0, 0.0
     plays[:] = 0.0
@@ -120,16 +120,16 @@ def mean_of(possible: Array, plays: Array) -> float:
 
 @njit
 def taken_along(possible: Array, v: float, v_before: float, film: Packed) -> None:
-    """All memories to a temperature, in place."""
+    """Move all memories to a temperature, in place."""
     for row in possible:
         advance(v, v_before, film[0], film[1], row[: film[1].size])
 
 
 @njit
 def weighed(possible: Array, plays: Array, off: float, share: float, variance: float, film: Packed) -> Array:
-    """The memories after a reading, those dropped that are unlikely; none where all that are likely are alike.
+    """Return the memories after a reading, without the unlikely ones; one alone if all likely ones are alike.
 
-    off: the reading over the output of the memory `plays`. share: of it that corrects a disturbance; variance: of it.
+    off: reading minus output of the memory `plays`. share: of it that corrects a disturbance; variance: of it.
     """
     weights, operators = film[2], plays.size
     mean = weighted_sum(weights, plays)

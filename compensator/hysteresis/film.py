@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,18 +30,21 @@ from compensator.hysteresis.own_functions import envelope_code, memoryless_code,
 
 Packed = tuple[Array, Array, Array, int, Array]  # (envelopes, radii, weights, code of D, parameters of D)
 Initial = Literal["cooled", "heated"]
+# Of the sum of the weights: far below any ohmmeter's noise. An identification looks for the least allowed radius where
+# the transition is; far out in the tails of two tanh of unlike slope one wall may still be above the other by less.
+LEAST_JUMP: Final = 1e-6
 KINDS = ("extended_generalized_pi", "generalized_pi", "classical_pi", "mixed_envelopes")
 
 
 def writable(values: ArrayLike) -> Array:
-    """A contiguous array that a compiled loop takes without compiling anew (a read-only array is another type)."""
+    """Return values as a contiguous, writable array: compiled loops take a read-only one for another type."""
     array = np.ascontiguousarray(values, dtype=np.float64)
     return array if array.flags.writeable else array.copy()
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """gamma(v) = f(a v + b), increasing in v (degC): paper eqs (28), (29). `a` in 1/K, > 0."""
+    """Envelope gamma(v) = f(a v + b) of play operators, increasing in v (degC): paper eqs (28), (29). `a`: 1/K, > 0."""
 
     function: str
     a: float
@@ -55,7 +58,7 @@ class Envelope:
             raise ValueError(f"a: {self.a!r}, b: {self.b!r}: expected a finite and > 0 (increasing), b finite")
 
     def row(self) -> tuple[float, float, float]:
-        """The envelope as the compiled loops take it: (code, a, b)."""
+        """Return the envelope as the compiled loops take it: (code, a, b)."""
         code = ENVELOPE_CODES.get(self.function)
         if code is None:
             code = envelope_code(self.function)
@@ -69,7 +72,7 @@ IDENTITY = Envelope("linear", 1.0, 0.0)
 
 @dataclass(frozen=True)
 class Memoryless:
-    """D(v), in the output's unit: the forms of `compensator.hysteresis.functions`, paper eqs (30), (31)."""
+    """Memoryless part D(v), output's unit, in a form of `compensator.hysteresis.functions`: paper eqs (30), (31)."""
 
     function: str = "none"
     amplitude: float = 0.0
@@ -87,7 +90,7 @@ class Memoryless:
 
     @property
     def code(self) -> int:
-        """The function as the compiled loops take it."""
+        """Return the number of the function in the compiled loops."""
         code = MEMORYLESS_CODES.get(self.function)
         if code is None:
             code = memoryless_code(self.function)
@@ -96,7 +99,7 @@ class Memoryless:
         return code
 
     def array(self) -> Array:
-        """The parameters as the compiled loops take them: (amplitude, a, b, offset, c_0, c_1, ...)."""
+        """Return the parameters as the compiled loops take them: (amplitude, a, b, offset, c_0, c_1, ...)."""
         coefficients = self.coefficients
         if self.function == "polynomial" and not coefficients:
             coefficients = (0.0,)
@@ -105,7 +108,7 @@ class Memoryless:
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What the film remembers: the last input (degC) and each play operator's output w_j, shape (operators,)."""
+    """Memory of a film: the last input (degC) and each play operator's output w_j, shape (operators,)."""
 
     input_degC: float
     plays: Array
@@ -117,7 +120,7 @@ class Memory:
 
 
 def memory_owning(input_degC: float, plays: Array) -> Memory:
-    """A memory around an array that nobody else keeps: without the copy that `Memory` makes."""
+    """Return a memory around an array that nobody else keeps, without the copy that `Memory` makes."""
     plays.setflags(write=False)
     memory = object.__new__(Memory)
     memory.__dict__["input_degC"], memory.__dict__["plays"] = input_degC, plays
@@ -162,7 +165,7 @@ class FilmModel:
             raise ValueError("rising, falling: expected one envelope each for all operators, or one each for each")
 
     def __getstate__(self) -> dict[str, object]:
-        """The fields alone: what is cached holds addresses that another process does not know."""
+        """Return the fields alone: what is cached holds addresses that are valid in this process only."""
         return {name: self.__dict__[name] for name in self.__dataclass_fields__}
 
     @property
@@ -171,19 +174,19 @@ class FilmModel:
 
     @cached_property
     def envelopes(self) -> Array:
-        """Rows (code_R, a_R, b_R, code_L, a_L, b_L): one for all operators, or one for each."""
+        """Return rows (code_R, a_R, b_R, code_L, a_L, b_L): one for all operators, or one for each."""
         rising = self.rising if isinstance(self.rising, tuple) else (self.rising,)
         falling = self.falling if isinstance(self.falling, tuple) else (self.falling,)
         return np.array([r.row() + f.row() for r, f in zip(rising, falling, strict=True)], dtype=np.float64)
 
     @cached_property
     def memoryless_array(self) -> Array:
-        """The parameters of D as the compiled loops take them."""
+        """Return the parameters of D as the compiled loops take them."""
         return self.memoryless.array()
 
     @cached_property
     def packed(self) -> Packed:
-        """The model as the compiled loops take it: always of the same array types, so that each compiles once."""
+        """Return the model as the compiled loops take it, always of the same array types: each compiles once."""
         return (
             self.envelopes,
             self.radii.copy(),
@@ -193,7 +196,7 @@ class FilmModel:
         )
 
     def scaled(self, factor: float) -> FilmModel:
-        """The same film with its output in a unit that is 1 / factor times as large; factor > 0."""
+        """Return the same film with its output in a unit that is 1 / factor times as large; factor > 0."""
         if not 0.0 < factor < math.inf:
             raise ValueError(f"factor: {factor!r}: expected a finite number > 0")
         d = self.memoryless
@@ -206,14 +209,14 @@ class FilmModel:
         return replace(self, weights=factor * self.weights, memoryless=memoryless)
 
     def saturated(self, initial: Initial) -> Array:
-        """Each operator's output after the input came from +inf ("cooled") or -inf ("heated"); may be infinite."""
+        """Return each operator's output (may be infinite) after an input from +inf ("cooled") or -inf ("heated")."""
         rows = np.broadcast_to(self.envelopes, (self.operators, 6))
         if initial == "cooled":
             return np.array([envelope_limits(row[0], row[1])[1] for row in rows]) - self.radii
         return np.array([envelope_limits(row[3], row[4])[0] for row in rows]) + self.radii
 
     def initial_memory(self, input_degC: float, initial: Initial | None = None) -> Memory:
-        """Memory at `input_degC` after cooling down from the hot end, or heating up from the cold end."""
+        """Return the memory at `input_degC` after cooling from the hot end or heating from the cold end."""
         initial = initial or self.initial
         rows = np.broadcast_to(self.envelopes, (self.operators, 6))
         saturated = self.saturated(initial)
@@ -224,8 +227,10 @@ class FilmModel:
         return Memory(input_degC, np.maximum(saturated, gamma - self.radii))
 
     def simulate(self, inputs_degC: ArrayLike, memory: Memory) -> tuple[Array, Memory]:
-        """Outputs for a sequence of temperatures, shape (samples,), and the memory after the last. At a temperature of
-        nan the output is nan and the film rests at the last known one."""
+        """Return the outputs for a sequence of temperatures, shape (samples,), and the memory after the last.
+
+        At a temperature of nan the output is nan and the film rests at the last known one.
+        """
         inputs = writable(inputs_degC)
         outputs = np.empty(inputs.size)
         plays = memory.plays.copy()
@@ -233,26 +238,41 @@ class FilmModel:
         return outputs, memory_owning(float(last_degC), plays)
 
     def step(self, input_degC: float, memory: Memory) -> tuple[float, Memory]:
-        """One sample: the output and the new memory. The same compiled loop as `simulate`, so the same bits."""
+        """Return the output and the memory after one sample: the same compiled loop as `simulate`, so the same bits."""
         outputs, memory = self.simulate(np.array([input_degC]), memory)
         return float(outputs[0]), memory
 
     def output_at(self, memory: Memory) -> float:
-        """The output at the memory's own input."""
+        """Return the output at the memory's own input."""
         return self.step(memory.input_degC, memory)[0]
 
     def play_outputs(self, inputs_degC: ArrayLike, memory: Memory) -> Array:
-        """Output of each operator, shape (samples, operators)."""
+        """Return the output of each operator, shape (samples, operators)."""
         inputs = writable(inputs_degC)
         outputs = np.empty((inputs.size, self.operators))
         play.play_outputs(inputs, memory.input_degC, memory.plays.copy(), self.packed[0], self.packed[1], outputs)
         return outputs
 
     def order_margin(self, low_degC: float = -50.0, high_degC: float = 200.0) -> Array:
-        """min over v of gamma_L(v) + r_j - (gamma_R(v) - r_j), shape (operators,): negative where the order
-        condition (below paper eq (6)) fails and the output jumps at a reversal."""
+        """Return min over v of gamma_L(v) + r_j - (gamma_R(v) - r_j), shape (operators,).
+
+        It is negative where the order condition (below paper eq (6)) fails and the output jumps at a reversal.
+        """
         v = np.linspace(low_degC, high_degC, 20001)
         margins = np.empty(len(self.envelopes))
         for k, row in enumerate(self.envelopes):
             margins[k] = float(np.min(envelope_values(row[3:], v) - envelope_values(row[:3], v)))
         return np.broadcast_to(margins, (self.operators,)) + 2.0 * self.radii
+
+
+def reversal_jumps(model: FilmModel, low_degC: float = -50.0, high_degC: float = 200.0) -> tuple[int, float]:
+    """Return how many operators jump at a reversal, and the largest jump of the output, in its unit.
+
+    Counted are operators of positive weight that violate gamma_R - r <= gamma_L + r between two temperatures; (0, 0.0)
+    if the jump is too small to be measured.
+    """
+    by = model.weights * np.maximum(-model.order_margin(low_degC, high_degC), 0.0)
+    jump = float(np.sum(by))
+    if not jump > LEAST_JUMP * float(np.sum(model.weights)):
+        return 0, 0.0
+    return int(np.sum(by > 0.0)), jump

@@ -46,7 +46,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def lean(function: Function) -> Function:
-    """Compiled without counting references to arrays: for small functions in hot loops, that allocate nothing.
+    """Compile a small function of a hot loop that allocates nothing, without counting references to arrays.
 
     Counting costs two locked instructions an array and call, two thirds of the inverse's time. The caller holds the
     arrays. A division by zero gives inf or nan.
@@ -56,7 +56,7 @@ def lean(function: Function) -> Function:
 
 @njit
 def tanh_and_slope(s: float) -> tuple[float, float]:
-    """tanh(s) and its slope 1 / cosh(s)^2."""
+    """Return tanh(s) and its slope 1 / cosh(s)^2."""
     t = math.exp(-2.0 * abs(s))
     inverse = 1.0 / (1.0 + t)
     return math.copysign((1.0 - t) * inverse, s), 4.0 * t * inverse * inverse
@@ -64,7 +64,7 @@ def tanh_and_slope(s: float) -> tuple[float, float]:
 
 @njit
 def envelope(code: float, a: float, b: float, v: float) -> tuple[float, float]:
-    """Value and slope dgamma/dv (1/K) of an envelope function at v in degC."""
+    """Return value and slope dgamma/dv (1/K) of an envelope function at v in degC."""
     s = a * v + b
     if code == 1.0:
         value, slope = tanh_and_slope(s)
@@ -77,7 +77,7 @@ def envelope(code: float, a: float, b: float, v: float) -> tuple[float, float]:
 
 @njit
 def envelope_value(code: float, a: float, b: float, v: float) -> float:
-    """Value of an envelope function at v in degC: the same bits as `envelope` gives."""
+    """Return the value of an envelope function at v in degC: the same bits as `envelope` gives."""
     s = a * v + b
     if code == 1.0:
         return tanh_and_slope(s)[0]
@@ -88,7 +88,7 @@ def envelope_value(code: float, a: float, b: float, v: float) -> float:
 
 @njit
 def envelope_values(row: Array, v: Array) -> Array:
-    """Values of the envelope (code, a, b) at temperatures v in degC."""
+    """Return the values of the envelope (code, a, b) at temperatures v in degC."""
     values = np.empty(v.size)
     for k in range(v.size):
         values[k] = envelope_value(row[0], row[1], row[2], v[k])
@@ -97,7 +97,7 @@ def envelope_values(row: Array, v: Array) -> Array:
 
 @njit
 def envelope_inverse(code: float, a: float, b: float, value: float) -> float:
-    """The v in degC at which the envelope has the value; +-inf beyond the ends of its range."""
+    """Return the v in degC at which the envelope has the value; +-inf beyond the ends of its range."""
     if code == 0.0:
         return (value - b) / a
     low, high = envelope_limits(code, a)
@@ -112,7 +112,7 @@ def envelope_inverse(code: float, a: float, b: float, value: float) -> float:
 
 @njit
 def envelope_limits(code: float, a: float) -> tuple[float, float]:
-    """The values of an increasing envelope (a > 0) at v = -inf and v = +inf."""
+    """Return the values of an increasing envelope (a > 0) at v = -inf and v = +inf."""
     if code == 1.0:
         return -1.0, 1.0
     if code == 0.0:
@@ -122,7 +122,7 @@ def envelope_limits(code: float, a: float) -> tuple[float, float]:
 
 @njit
 def envelope_inflection(code: float, a: float, b: float) -> float:
-    """The one v at which the envelope is steepest or flattest; nan where its slope is monotone."""
+    """Return the one v at which the envelope is steepest or flattest; nan where its slope is monotone."""
     if code == 1.0:
         return -b / a
     if code == 0.0:
@@ -132,7 +132,7 @@ def envelope_inflection(code: float, a: float, b: float) -> float:
 
 @njit
 def memoryless_value(code: int, par: Array, v: float) -> float:
-    """D at v in degC: the same bits as `memoryless` gives."""
+    """Return D at v in degC: the same bits as `memoryless` gives."""
     s = par[1] * v + par[2]
     if code == 1:
         return float(par[0] * tanh_and_slope(s)[0] + par[3])
@@ -145,7 +145,7 @@ def memoryless_value(code: int, par: Array, v: float) -> float:
 
 @njit
 def memoryless(code: int, par: Array, v: float) -> tuple[float, float, float]:
-    """D, dD/dv and d2D/dv2 at v in degC."""
+    """Return D, dD/dv and d2D/dv2 at v in degC."""
     amplitude, a, b, offset = par[0], par[1], par[2], par[3]
     if code == 1:
         f, f_slope = tanh_and_slope(a * v + b)

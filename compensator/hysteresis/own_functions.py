@@ -54,7 +54,7 @@ def _call_at(typing_context: Any, table: Any, place: Any, s: Any) -> Any:
 
 @intrinsic
 def _number_at(typing_context: Any, table: Any, place: Any) -> Any:
-    """The float64 that stands at a place of the table."""
+    """Return the float64 that stands at a place of the table."""
     signature = types.float64(types.int64, types.int64)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -77,10 +77,10 @@ def register_envelope(
     high: float = math.inf,
     inflection: float = math.nan,
 ) -> None:
-    """Make f known as an envelope gamma(v) = f(a v + b): increasing, from `low` at -inf to `high` at +inf.
+    """Register f as an envelope gamma(v) = f(a v + b), increasing from `low` at -inf to `high` at +inf.
 
-    slope: df/ds >= 0. inverse: s of a value between low and high. inflection: the one s where the slope is steepest
-    or flattest; nan where the slope itself is monotone. Raises ValueError where the three do not fit one another.
+    slope: df/ds >= 0. inverse: s of a value between low and high. inflection: the one s where the slope is steepest or
+    flattest; nan if the slope itself is monotone. Raises ValueError if the three contradict each other.
     """
     s = np.linspace(-4.0, 4.0, 81)
     f, g = np.array([value(float(x)) for x in s]), np.array([slope(float(x)) for x in s])
@@ -95,11 +95,10 @@ def register_envelope(
 
 
 def register_memoryless(name: str, value: Scalar, slope: Scalar, curvature: Scalar) -> None:
-    """Make f known as a memoryless function D(v) = amplitude f(a v + b) + offset; slope f', curvature f''.
+    """Register f as a memoryless function D(v) = amplitude f(a v + b) + offset; slope f', curvature f''.
 
-    Where D turns and bends is found on a grid over the temperature limits (`compensator.inverse.monotone_intervals`):
-    the inverse's guarantee holds for features wider than that grid. Raises ValueError where the three do not fit one
-    another.
+    Turns and bends of D are found on a grid over the temperature limits (`compensator.inverse.branch`): the inverse's
+    guarantee holds for features wider than that grid. Raises ValueError if the three contradict each other.
     """
     _check_derivative(f"memoryless function {name!r}: slope", value, slope)
     _check_derivative(f"memoryless function {name!r}: curvature", slope, curvature)
@@ -107,17 +106,17 @@ def register_memoryless(name: str, value: Scalar, slope: Scalar, curvature: Scal
 
 
 def envelope_code(name: str) -> int | None:
-    """The code of a registered envelope function, None where there is none of this name."""
+    """Return the code of a registered envelope function, None if there is none of this name."""
     return _envelopes.get(name)
 
 
 def memoryless_code(name: str) -> int | None:
-    """The code of a registered memoryless function, None where there is none of this name."""
+    """Return the code of a registered memoryless function, None if there is none of this name."""
     return _memoryless.get(name)
 
 
 def registered() -> tuple[list[str], list[str]]:
-    """The names of the registered envelope and memoryless functions."""
+    """Return the names of the registered envelope and memoryless functions."""
     return sorted(_envelopes), sorted(_memoryless)
 
 
@@ -130,7 +129,7 @@ def _check_derivative(what: str, value: Scalar, slope: Scalar) -> None:
 
 
 def _address(function: Scalar) -> int:
-    """Address of machine code for the function; of a call back into Python where it cannot be compiled."""
+    """Return the address of the function's machine code; of a call back into Python if it cannot be compiled."""
     try:
         compiled = cfunc("float64(float64)")(function)
     except (NumbaError, NotImplementedError):

@@ -46,7 +46,7 @@ def advance(v: float, v_before: float, envelopes: Array, radii: Array, memory: A
 
 @njit
 def weighted_sum(weights: Array, memory: Array) -> float:
-    """sum_j p_j w_j in a fixed order of additions, so that every caller gets the same bits."""
+    """Return sum_j p_j w_j, added in a fixed order, so that every caller gets the same bits."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0  # eight lanes: one vector register
     count = weights.size
     whole = count - count % 8
@@ -66,7 +66,7 @@ def weighted_sum(weights: Array, memory: Array) -> float:
 
 @njit
 def output_of(film: tuple[Array, Array, Array, int, Array], v: float, memory: Array) -> float:
-    """Output u of a film at v (degC) with this memory, eq (9). film: as of `run`."""
+    """Return the output u of a film at v (degC) with this memory, eq (9). film: as of `run`."""
     _, _, weights, code, par = film
     return memoryless_value(code, par, v) + weighted_sum(weights, memory)
 
@@ -79,7 +79,7 @@ def run(
     film: tuple[Array, Array, Array, int, Array],
     outputs: Array,
 ) -> float:
-    """Outputs u for a sequence of inputs v (degC), eq (9); `memory` is left at the last sample. Returns the last input.
+    """Fill outputs u for a sequence of inputs v (degC), eq (9), and return the last input; `memory` ends there.
 
     At an input of nan the output is nan, the operators rest, and the next input moves them from the last known one.
 
@@ -118,7 +118,7 @@ def run(
 
 @njit
 def play_outputs(inputs: Array, v_before: float, memory: Array, envelopes: Array, radii: Array, outputs: Array) -> None:
-    """Output of each operator for a sequence of inputs: outputs has the shape (samples, operators)."""
+    """Fill each operator's output for a sequence of inputs: outputs has the shape (samples, operators)."""
     for i in range(inputs.size):
         advance(inputs[i], v_before, envelopes, radii, memory)
         if inputs[i] == inputs[i]:

@@ -45,7 +45,7 @@ MOST: Final = 200  # evaluations: halving alone takes 60 from any bracket to its
 
 @lean
 def copy_row(source: int, sink: int, work: Work) -> None:
-    """A point from one row of the workspace to another."""
+    """Copy a point from one row of the work arrays to another."""
     points, gammas, slopes = work[0], work[1], work[2]
     for k in range(points.shape[1]):
         points[sink, k] = points[source, k]
@@ -56,8 +56,11 @@ def copy_row(source: int, sink: int, work: Work) -> None:
 
 @lean
 def halved(near: float, near_f: float, far: float, far_f: float, end: float, target: float, fallbacks: int) -> float:
-    """Where to look next inside a bracket: at its end if F is not known there (far_f nan), else in the middle, every
-    third time on the straight line through both ends."""
+    """Return where to look next inside a bracket.
+
+    At its end if F is not known there (far_f nan), else in the middle, every third time on the straight line through
+    both ends.
+    """
     if math.isnan(far_f):
         return end
     if fallbacks % 3 == 1:
@@ -86,12 +89,12 @@ def common_root(
     parts: Array,
     tolerance: float,
 ) -> tuple[bool, int]:
-    """The one root of F = target from a point up to `far`, where F is known to increase: (found, evaluations).
+    """Find the one root of F = target from a point up to `far`, where F is known to increase: (found, evaluations).
 
-    far_f: F there, nan where it is not evaluated; it may then turn out not to reach the target. e_increasing:
-    whether E increases, too. Common envelopes. The root is left in the row FOUND. Plain arrays, not the tuples of
-    the other functions: taking an array out of a tuple counts a reference, which would double the time. One loop, not
-    three functions: handing its numbers over costs 6 to 14 % of the inverse's time (measured, benchmark inverse).
+    far_f: F there, nan if not evaluated; it may then turn out not to reach the target. e_increasing: True if E
+    increases, too. Common envelopes. The root is left in the row FOUND. Plain arrays, not the tuples of the other
+    functions: taking an array out of a tuple counts a reference, which would double the time. One loop, not three
+    functions: handing its numbers over costs 6 to 14 % of the inverse's time (measured, benchmark inverse).
     """
     first = 0 if side > 0.0 else 3
     code, a, b = envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2]
@@ -167,7 +170,7 @@ def bracketed(
     work: Work,
     tolerance: float,
 ) -> tuple[bool, int]:
-    """The same for any envelopes and for falling F: the root between two points; far's F is nan if not evaluated."""
+    """Find the root between two points, for any envelopes and for falling F; far's F is nan if not evaluated."""
     points = work[0]
     common = film[0].shape[0] == 1
     far, far_f = points[far_row, Z], points[far_row, F]

@@ -9,12 +9,18 @@ branch. The falling one is the rising one of the model turned round: with z = si
 so that only a walk to larger z is needed, along which H never decreases and operators only ever start to move. In
 g = G(z) H is convex and piecewise linear (common envelopes). On an interval [x, y]
 
-    E in [min E, max E],  E' in [min E', max E']                         exactly,
-    `compensator.inverse.monotone_intervals`
+    E in [min E, max E],  E' in [min E', max E']                         exactly (`pieces`)
     H in [H(x), H(y)],    H' in [sum_(moving at x) p min G', sum_(moving at y) p max G']
 
 which bounds F by its range and by lines through both ends. Nothing but `evaluate` computes D and the envelopes at a
 trial temperature; the rest reuses what stands in the rows of the workspace.
+
+`pieces` are the points between which D and dD/dv are both monotone, so that any interval has exact ranges of both from
+their values at its own ends and at the points inside:
+
+    tanh               its centre                      sin, cos    every quarter period
+    polynomial         real roots of D' and D''        none, linear, arrhenius    nowhere
+    a user's function  sign changes of D' and D'' on a grid of GRID points, refined by bisection
 """
 
 from __future__ import annotations
@@ -23,12 +29,99 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from compensator.compiled import njit
 from compensator.hysteresis import play
-from compensator.hysteresis.film import Packed
-from compensator.hysteresis.functions import Array, envelope, envelope_inflection, envelope_inverse, lean, memoryless
-from compensator.inverse.monotone_intervals import SLOPE_ROW, VALUE_ROW, range_between
+from compensator.hysteresis.film import Memoryless, Packed
+from compensator.hysteresis.functions import (
+    FIRST_COEFFICIENT,
+    Array,
+    envelope,
+    envelope_inflection,
+    envelope_inverse,
+    lean,
+    memoryless,
+)
+
+GRID: Final = 4097  # points, 60 mK apart over 250 K: two sign changes nearer to each other are not seen
+VALUE_ROW, SLOPE_ROW = 1, 2  # of the table; row 0 is v
+
+
+def pieces(d: Memoryless, low_degC: float, high_degC: float) -> Array:
+    """Return rows v (degC, increasing, the limits included), D and dD/dv at these points, shape (3, points)."""
+    par = d.array()
+    inside = np.array([v for v in _turns_and_bends(d, par, low_degC, high_degC) if low_degC < v < high_degC])
+    v = np.unique(np.concatenate([[low_degC], inside, [high_degC]]))
+    table = np.empty((3, v.size))
+    for k in range(v.size):
+        table[0, k] = v[k]
+        table[VALUE_ROW, k], table[SLOPE_ROW, k], _ = memoryless(d.code, par, float(v[k]))
+    return table
+
+
+def _turns_and_bends(d: Memoryless, par: Array, low: float, high: float) -> Array:
+    nowhere: Array = np.empty(0)
+    if d.function in ("none", "linear", "arrhenius") or (d.function != "polynomial" and d.a == 0.0):
+        return nowhere
+    if d.function == "tanh":
+        return np.array([-d.b / d.a])
+    if d.function in ("sin", "cos"):
+        first, last = sorted((d.a * low + d.b, d.a * high + d.b))
+        quarter = 0.5 * math.pi
+        count = np.arange(math.ceil(first / quarter), math.floor(last / quarter) + 1, dtype=np.float64)
+        return np.asarray((count * quarter - d.b) / d.a, dtype=np.float64)
+    if d.function == "polynomial":
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        curve = Polynomial(par[FIRST_COEFFICIENT:])(Polynomial([middle, half]))  # in x = (v - middle) / half
+        roots = np.concatenate([curve.deriv().trim().roots(), curve.deriv(2).trim().roots()])
+        near = np.abs(roots.imag) < 1e-6
+        return np.asarray(middle + half * roots.real[near], dtype=np.float64)
+    v = np.linspace(low, high, GRID)
+    found = [nowhere]
+    for which in (1, 2):
+        values = np.array([memoryless(d.code, par, float(x))[which] for x in v])
+        found.append(
+            np.array(
+                [
+                    _bisected(d.code, par, which, v[k], v[k + 1])
+                    for k in np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0.0)
+                ]
+            )
+        )
+        found.append(v[values == 0.0])
+    return np.concatenate(found)
+
+
+def _bisected(code: int, par: Array, which: int, left: float, right: float) -> float:
+    positive = memoryless(code, par, left)[which] > 0.0
+    for _ in range(60):
+        middle = 0.5 * (left + right)
+        if (memoryless(code, par, middle)[which] > 0.0) == positive:
+            left = middle
+        else:
+            right = middle
+    return 0.5 * (left + right)
+
+
+@njit
+def inside(table: Array, low: float, high: float) -> tuple[int, int]:
+    """Return the indices (first, one past the last) of the points strictly between low and high."""
+    first = int(np.searchsorted(table[0], low, side="right"))
+    return first, max(first, int(np.searchsorted(table[0], high, side="left")))
+
+
+@njit
+def range_between(
+    table: Array, row: int, low: float, high: float, at_low: float, at_high: float
+) -> tuple[float, float]:
+    """Return the least and largest D (row 1) or dD/dv (row 2) on [low, high] degC, given its values at the two ends."""
+    least, most = min(at_low, at_high), max(at_low, at_high)
+    first, last = inside(table, low, high)
+    for k in range(first, last):
+        least, most = min(least, table[row, k]), max(most, table[row, k])
+    return least, most
+
 
 ROWS: Final = 128  # points that a search can hold
 Z, F, E1, E2, H, GAMMA, SLOPE, D = range(8)  # columns of a point: z, F, E', E'', H, G, G', D(side z)
@@ -38,11 +131,11 @@ HERE_SIZE: Final = 7
 
 
 class Work(NamedTuple):
-    """Room for a search, so that a step of it allocates nothing.
+    """Work arrays of a search, so that a step of it allocates nothing.
 
-    points: shape (ROWS, 8). gammas, slopes: each envelope's G and G', shape (ROWS, envelopes), used where envelopes are
-    mixed. held, parts: shape (operators,), to reckon in. here: what is known of the present temperature, shape
-    (HERE_SIZE,), nan where nothing is. root: the solution that a search found, shape (1,).
+    points: shape (ROWS, 8). gammas, slopes: each envelope's G and G', shape (ROWS, envelopes), used if envelopes are
+    mixed. held, parts: shape (operators,). here: what is known at the present temperature, shape (HERE_SIZE,), nan if
+    unknown. root: the solution of a search, shape (1,).
     """
 
     points: Array
@@ -56,7 +149,7 @@ class Work(NamedTuple):
 
 @njit(error_model="numpy")
 def workspace(film: Packed) -> Work:
-    """Room for a search on this film."""
+    """Allocate the work arrays for a search on this film."""
     envelopes, operators = film[0].shape[0], film[1].size
     rows = ROWS if envelopes > 1 else 1
     gammas, slopes = np.empty((rows, envelopes)), np.empty((rows, envelopes))
@@ -68,7 +161,7 @@ def workspace(film: Packed) -> Work:
 def place_common(
     row: int, side: float, radii: Array, weights: Array, memory: Array, points: Array, parts: Array
 ) -> None:
-    """Complete a row that has z, D and its slopes, and G: H and F, in the model's own bits. Common envelopes."""
+    """Complete a row that has z, D and its slopes, and G with H and F, in the model's own bits. Common envelopes."""
     gamma = points[row, GAMMA]
     for j in range(radii.size):
         parts[j] = max(gamma - radii[j], side * memory[j])
@@ -78,7 +171,7 @@ def place_common(
 
 @lean
 def evaluate(row: int, side: float, z: float, film: Packed, memory: Array, work: Work) -> None:
-    """One evaluation: D and the envelopes at z, into a row of the workspace."""
+    """Evaluate D and the envelopes at z, into a row of the work arrays."""
     envelopes, code, par = film[0], film[3], film[4]
     points, gammas, slopes = work[0], work[1], work[2]
     v = side * z
@@ -102,7 +195,7 @@ def evaluate(row: int, side: float, z: float, film: Packed, memory: Array, work:
 
 @lean
 def slope_onward(row: int, side: float, film: Packed, memory: Array, work: Work) -> float:
-    """F' just above a point: an operator that has reached its envelope moves."""
+    """Return F' just above a point: an operator that has reached its envelope moves."""
     envelopes, radii, weights = film[0], film[1], film[2]
     points, gammas, slopes = work[0], work[1], work[2]
     total = 0.0
@@ -118,7 +211,7 @@ def slope_onward(row: int, side: float, film: Packed, memory: Array, work: Work)
 
 @lean
 def moving_weight(row: int, side: float, film: Packed, memory: Array, work: Work) -> float:
-    """Sum of the weights of the operators that move just above a point."""
+    """Return the sum of the weights of the operators that move just above a point."""
     envelopes, radii, weights = film[0], film[1], film[2]
     gamma, total = work[0][row, GAMMA], 0.0
     for j in range(radii.size):
@@ -133,7 +226,7 @@ def moving_weight(row: int, side: float, film: Packed, memory: Array, work: Work
 def bounds(
     x: int, y: int, side: float, film: Packed, table: Array, memory: Array, work: Work
 ) -> tuple[float, float, float, float, float, float]:
-    """(least F', largest F', least F, largest F, least E, largest E) between the points in rows x and y."""
+    """Return (least F', largest F', least F, largest F, least E, largest E) between the points in rows x and y."""
     envelopes, radii, weights = film[0], film[1], film[2]
     points, gammas, slopes = work[0], work[1], work[2]
     p, q = points[x], points[y]
@@ -193,7 +286,7 @@ def bounds(
 
 @njit(error_model="numpy", fastmath={"reassoc", "nsz"})
 def moving_sums(g: float, held: Array, radii: Array, weights: Array) -> tuple[float, float]:
-    """(rest, moving) of sum_j p_j max(g - r_j, held_j) = moving g + rest; summed in any order, for steps only."""
+    """Return (rest, moving) of sum_j p_j max(g - r_j, held_j) = moving g + rest, summed in any order (for steps)."""
     rest, moving = 0.0, 0.0
     for j in range(radii.size):
         moves = g - radii[j] >= held[j]
@@ -204,10 +297,10 @@ def moving_sums(g: float, held: Array, radii: Array, weights: Array) -> tuple[fl
 
 @lean
 def level(kappa: float, target: float, start: float, held: Array, radii: Array, weights: Array) -> tuple[float, float]:
-    """(g, weight that moves there) where kappa g + sum_j p_j max(g - r_j, held_j) = target; nan: nowhere.
+    """Solve kappa g + sum_j p_j max(g - r_j, held_j) = target: return (g, weight that moves there), nan if nowhere.
 
-    held: side m_j. The sum is convex and piecewise linear in g: Newton's method, from `start`, is exact after
-    finitely many steps.
+    held: side m_j. The sum is convex and piecewise linear in g: Newton's method, from `start`, is exact after finitely
+    many steps.
     """
     g, moving, steps = start, 0.0, 0
     while steps <= radii.size + 4:
@@ -230,14 +323,14 @@ def level(kappa: float, target: float, start: float, held: Array, radii: Array, 
 
 @lean
 def hold(side: float, memory: Array, held: Array) -> None:
-    """held_j = side m_j: what each operator keeps until its envelope has passed it."""
+    """Set held_j = side m_j, which each operator keeps until its envelope has passed it."""
     for j in range(memory.size):
         held[j] = side * memory[j]
 
 
 @lean
 def held_back(rest: float, start: float, side: float, film: Packed, memory: Array, work: Work) -> float:
-    """The z at which H alone reaches the value `rest`, common envelopes; nan where it never does."""
+    """Return the z at which H alone reaches the value `rest`, common envelopes; nan if it never does."""
     envelopes, held = film[0], work[3]
     hold(side, memory, held)
     g = level(0.0, rest, start, held, film[1], film[2])[0]
@@ -247,7 +340,7 @@ def held_back(rest: float, start: float, side: float, film: Packed, memory: Arra
 
 @lean
 def common_step(row: int, target: float, side: float, film: Packed, memory: Array, work: Work) -> float:
-    """The z where F reaches the target, common envelopes: exact in the operators' kinks and in g, E linear in g."""
+    """Return the z where F reaches the target, common envelopes: exact in the operators' kinks, E linear in g."""
     point, envelopes, held = work[0][row], film[0], work[3]
     if point[SLOPE] <= 0.0:
         return math.nan
@@ -261,7 +354,7 @@ def common_step(row: int, target: float, side: float, film: Packed, memory: Arra
 
 @lean
 def kinked_step(gap: float, e1: float, slope: float, gamma: float, held: Array, radii: Array, weights: Array) -> float:
-    """The step in z at which E and the common envelope, both straight lines, have closed the gap; nan: never."""
+    """Return the step in z after which E and the common envelope, both straight lines, close the gap; nan: never."""
     rest, moving = moving_sums(gamma, held, radii, weights)
     total = gap + rest + moving * gamma
     g, z = math.inf, math.inf
@@ -280,7 +373,7 @@ def kinked_step(gap: float, e1: float, slope: float, gamma: float, held: Array, 
 
 @lean
 def mixed_step(row: int, target: float, side: float, film: Packed, memory: Array, work: Work) -> float:
-    """The same where every operator has an envelope of its own."""
+    """Return the same step where every operator has an envelope of its own."""
     radii, weights = film[1], film[2]
     points, gammas, slopes = work[0], work[1], work[2]
     gap, z = target - points[row, F], math.inf

@@ -27,8 +27,11 @@ APART_K: Final = 0.05  # nearer than the noise of the plate: one course
 
 @dataclass(frozen=True, eq=False)
 class BranchPlan:
-    """The temperatures (degC) of a course, shape (targets,), one for each target up to the first that no course
-    reaches; memory: after the last of them. late_s: by how much the plate is late on it in all."""
+    """Temperatures of a course: which of several to take at each target.
+
+    temperatures_degC: shape (targets,), up to the first target that no course reaches. memory: after the last of them.
+    late_s: total time by which the plate is late on it.
+    """
 
     temperatures_degC: Array
     memory: Memory
@@ -47,7 +50,7 @@ class _Course:
 def branch_plan(
     inverse: Inverse, times_s: Array, targets: Array, memory: Memory, cooling_K_per_s: float, heating_K_per_s: float
 ) -> BranchPlan:
-    """The course for outputs `targets` at `times_s`, shapes (targets,), from a memory.
+    """Plan the course for outputs `targets` at `times_s`, shapes (targets,), from a memory.
 
     The rates (both > 0) are the plate's; the first target is reached in whatever time it takes.
     """
@@ -69,7 +72,7 @@ def branch_plan(
 
 
 def _best(courses: list[_Course]) -> list[_Course]:
-    """Those that go on, the best first."""
+    """Return the courses that go on, the best first."""
     cheapest = sorted(courses, key=lambda c: (c.late_s, c.moved_K))
     kept: list[_Course] = []
     for course in cheapest:

@@ -27,9 +27,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.film import LEAST_JUMP, FilmModel
 from compensator.hysteresis.functions import Array, envelope, envelope_inverse, memoryless
-from compensator.hysteresis.reversal_jumps import LEAST_JUMP
 from compensator.inverse.inverse import Inverse
 
 Kind = Literal["order", "not_monotone", "stands_still", "iteration", "iteration_undefined"]
@@ -39,7 +38,7 @@ ROUNDING: Final = 1e-12  # of slopes and margins that are 0 but for the last bit
 
 @dataclass(frozen=True)
 class Finding:
-    """what: in words, with numbers. where_degC: the interval, None: everywhere. operators: their indices."""
+    """Finding about a film model: what in words with numbers, where_degC (None: everywhere), operators by index."""
 
     kind: Kind
     what: str
@@ -50,24 +49,28 @@ class Finding:
 
 @dataclass(frozen=True)
 class Contraction:
-    """The paper's iteration on a temperature range, with |dD/dv| in place of dD/dv: eqs (21), (26).
+    """Convergence of the paper's iteration on a temperature range, with |dD/dv| for dD/dv: eqs (21), (26).
 
-    q: contraction factor over the whole range, inf where an envelope is flat or p(r_0) is not there. converges_degC:
-    the longest interval in which q < 1; None where there is none.
+    q: contraction factor over the whole range, inf if an envelope is flat or p(r_0) is missing. converges_degC: the
+    longest interval in which q < 1; None if there is none.
     """
 
     q: float
     converges_degC: tuple[float, float] | None
 
     def error_bound_K(self, sigma_K: float) -> float:
-        """What is left of the error when two iterates differ by less than sigma: sigma q / (1 - q)."""
+        """Return the bound of the error when two iterates differ by less than sigma: sigma q / (1 - q)."""
         return sigma_K * self.q / (1.0 - self.q) if self.q < 1.0 else math.inf
 
 
 @dataclass(frozen=True)
 class ModelCheck:
-    """order_margin: shape (operators,), negative where the condition fails; least_radius: the smallest allowed radius
-    of each operator, in the unit of the envelopes' values. output_range: of the major loop, in the output's unit."""
+    """Findings on a film model.
+
+    order_margin: shape (operators,), negative where the order condition fails. least_radius: the smallest allowed
+    radius of each operator, in the unit of the envelopes' values. output_range: of the major loop, in the output's
+    unit.
+    """
 
     findings: tuple[Finding, ...]
     order_margin: Array
@@ -76,12 +79,12 @@ class ModelCheck:
     output_range: tuple[float, float]
 
     def kinds(self) -> tuple[Kind, ...]:
-        """The kinds of findings, in order."""
+        """Return the kinds of findings, in order."""
         return tuple(finding.kind for finding in self.findings)
 
 
 def check_model(model: FilmModel, low_degC: float, high_degC: float) -> ModelCheck:
-    """Every finding on a film model between two temperatures. Raises ValueError unless low < high, both finite."""
+    """Return every finding on a film model between two temperatures. ValueError unless low < high, both finite."""
     inverse = Inverse(model, low_degC, high_degC)
     v = np.linspace(low_degC, high_degC, GRID)
     excess, worst = _excess(model, v)
@@ -101,7 +104,7 @@ def _rows(model: FilmModel) -> Array:
 
 
 def _excess(model: FilmModel, v: Array) -> tuple[Array, Array]:
-    """max over v of gamma_R - gamma_L for each operator, and where (degC)."""
+    """Return max over v of gamma_R - gamma_L for each operator, and where (degC)."""
     most, where = np.empty(len(model.envelopes)), np.empty(len(model.envelopes))
     for k, row in enumerate(model.envelopes):
         difference = _values(row[:3], v)[0] - _values(row[3:], v)[0]
@@ -111,7 +114,7 @@ def _excess(model: FilmModel, v: Array) -> tuple[Array, Array]:
 
 
 def _values(row: Array, v: Array) -> tuple[Array, Array]:
-    """Values and slopes of an envelope (code, a, b)."""
+    """Return values and slopes of an envelope (code, a, b)."""
     pairs = np.array([envelope(row[0], row[1], row[2], float(x)) for x in v])
     return pairs[:, 0], pairs[:, 1]
 
@@ -153,7 +156,7 @@ def _not_monotone(model: FilmModel, inverse: Inverse, v: Array) -> list[Finding]
 
 
 def _moving_slope(model: FilmModel, v: Array, first: int) -> Array:
-    """sum_j p_j gamma_j' on one branch: every operator moves."""
+    """Return sum_j p_j gamma_j' on one branch if every operator moves."""
     if len(model.envelopes) == 1:
         return np.asarray(float(model.weights.sum()) * _values(model.envelopes[0, first : first + 3], v)[1])
     total = np.zeros(v.size)
@@ -163,7 +166,7 @@ def _moving_slope(model: FilmModel, v: Array, first: int) -> Array:
 
 
 def _stands_still(model: FilmModel, low: float, high: float) -> list[Finding]:
-    """The longest interval over which no operator of positive weight moves after a reversal from the major loop."""
+    """Find the longest interval over which no operator of positive weight moves after a reversal on the major loop."""
     longest: tuple[float, float] = (0.0, 0.0)
     moving = [(r, row) for r, p, row in zip(model.radii, model.weights, _rows(model), strict=True) if p > 0.0]
     for turn in np.linspace(low, high, 201):

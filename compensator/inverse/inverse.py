@@ -30,8 +30,8 @@ from numpy.typing import ArrayLike
 
 from compensator.hysteresis.film import FilmModel, Initial, Memory, memory_owning, writable
 from compensator.hysteresis.functions import Array
-from compensator.inverse.monotone_intervals import SLOPE_ROW, pieces
-from compensator.inverse.plateau import FLAT_K
+from compensator.inverse.branch import SLOPE_ROW, pieces
+from compensator.inverse.search import FLAT_K
 from compensator.inverse.solve import BOUND, Settings, output_range, solutions_on_branch, trajectory
 
 LOW_DEGC, HIGH_DEGC = -50.0, 200.0  # limits of the search where none are given: no VO2 film switches beyond
@@ -44,14 +44,13 @@ Choice = Literal["nearest", "fastest", "fewest_reversals"]
 
 @dataclass(frozen=True)
 class Solution:
-    """One temperature for one wanted output.
+    """Temperature for a wanted output.
 
-    reachable: whether there is one within the limits, from this memory. temperature_degC: the solution, or where
-    there is none the present temperature. residual: model minus target, in the output's unit. Where the target
-    cannot be reached, intervals are the outputs that can, (low, high) each and in order - more than one where the
-    order condition fails and the output jumps at a reversal -, interval is from the least to the largest of them,
-    and nearest the near end (nan of a target that is nan); else nearest is the target. evaluations: of D and the
-    envelopes at one temperature.
+    reachable: True if there is one within the limits, from this memory. temperature_degC: the solution, or the present
+    temperature if there is none. residual: model minus target, in the output's unit. If the target cannot be reached,
+    `intervals` are the outputs that can, (low, high) each and in order (more than one where the order condition fails
+    and the output jumps at a reversal), `interval` is from the least to the largest of them, and `nearest` the near end
+    (nan for a target of nan); else nearest is the target. evaluations: of D and the envelopes at one temperature.
     """
 
     reachable: bool
@@ -66,7 +65,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Inverse:
-    """The inverse of a film model within temperature limits (degC).
+    """Inverse of a film model within temperature limits (degC).
 
     Every solution keeps |model(inverse(u)) - u| <= bound, in the output's unit. choice: of several solutions.
     heating_K_per_s, cooling_K_per_s: the plate's rates (both > 0), for the choice "fastest".
@@ -90,22 +89,22 @@ class Inverse:
 
     @cached_property
     def pieces(self) -> Array:
-        """Where D turns and bends within the limits, shape (3, points): `compensator.inverse.monotone_intervals`."""
+        """Return the temperatures where D turns and bends, with D and dD/dv there, shape (3, points)."""
         return pieces(self.model.memoryless, self.low_degC, self.high_degC)
 
     @cached_property
     def least_slope(self) -> float:
-        """The least dD/dv within the limits (exact): where it is >= 0 the model is monotone."""
+        """Return the least dD/dv within the limits (exact): if it is >= 0 the model is monotone."""
         return float(self.pieces[SLOPE_ROW].min())
 
     @cached_property
     def bound(self) -> float:
-        """What |model(inverse(u)) - u| keeps, in the output's unit: `tolerance`, or SPAN_SHARE of the span."""
+        """Return the bound of |model(inverse(u)) - u|, in the output's unit: `tolerance`, or SPAN_SHARE of the span."""
         span = float(self.model.weights.sum() + np.ptp(self.pieces[1]))
         return max(self.tolerance, SPAN_SHARE * span)
 
     def settings(self, heading: int = 0) -> Settings:
-        """What the compiled loops need beside the film; heading: the sign of the last move, 0 if there was none."""
+        """Return what the compiled loops need in addition to the film; heading: sign of the last move, 0 if none."""
         up, down = 1.0, 1.0
         if self.choice == "fastest":
             up, down = 1.0 / self.heating_K_per_s, 1.0 / self.cooling_K_per_s
@@ -119,7 +118,7 @@ class Inverse:
         return self.settings()
 
     def solve(self, target: float, memory: Memory, heading: int = 0) -> Solution:
-        """The chosen temperature at which the output is `target`, from this memory.
+        """Return the chosen temperature at which the output is `target`, from this memory.
 
         heading: sign of the last move of the temperature, for the choice "fewest_reversals".
         """
@@ -138,9 +137,9 @@ class Inverse:
         return Solution(False, before, residual, nearest, (ends[0], ends[-1]), count, memory, intervals)
 
     def solutions(self, target: float, memory: Memory) -> tuple[Array, int]:
-        """All temperatures (degC, increasing) at which the output is `target` from this memory, and evaluations.
+        """Return all temperatures (degC, increasing) where the output is `target` from this memory, and evaluations.
 
-        Where the output stands still at the target, one of the temperatures there.
+        Of a range over which the output stands still at the target, one temperature is returned.
         """
         v, film, plays = memory.input_degC, self.model.packed, memory.plays.copy()
         found: list[Array] = []
@@ -157,8 +156,10 @@ class Inverse:
         return np.sort(np.concatenate(found)) if found else np.empty(0), count
 
     def first(self, target: float, initial: Initial | None = None) -> Solution:
-        """The lowest temperature at which a film with `initial` memory ("cooled" or "heated") has the output; none
-        (reachable is False) for a target that is no finite number."""
+        """Return the lowest temperature at which a film with `initial` memory ("cooled" or "heated") has the output.
+
+        None is found (reachable is False) for a target that is not finite.
+        """
         initial = initial or self.model.initial
         film, saturated = self.model.packed, self.model.saturated(initial)
         side, start, end = 1.0, self.low_degC, self.high_degC
@@ -174,7 +175,7 @@ class Inverse:
         return Solution(False, math.nan, math.nan, nearest, (low, high), count, rest, ((low, high),))
 
     def _lowest(self, target: float, initial: Initial) -> tuple[float, int]:
-        """The temperature of `first`, nan where there is none, and evaluations."""
+        """Return the temperature of `first`, nan if there is none, and evaluations."""
 
         def misses(v: float) -> bool:
             return abs(self.model.output_at(self.model.initial_memory(v, initial)) - target) > self.bound
@@ -192,7 +193,7 @@ class Inverse:
         return v, count + 1
 
     def _lowest_root(self, target: float, initial: Initial, bound: float) -> tuple[float, int]:
-        """The lowest temperature at which the search along the branch of an initial memory finds the output."""
+        """Return the lowest root along the branch of an initial memory, nan if there is none, and evaluations."""
         side, start, end = 1.0, self.low_degC, self.high_degC
         if initial == "cooled":
             side, start, end = -1.0, end, start
@@ -207,9 +208,9 @@ class Inverse:
         return (float(roots[found - 1]) if found else math.nan), count
 
     def reachable_intervals(self, memory: Memory) -> tuple[tuple[float, float], ...]:
-        """The outputs that can be reached from this memory without turning round, as intervals in order.
+        """Return the outputs that can be reached from this memory without a reversal, as intervals in order.
 
-        There is more than one where the output jumps at a reversal: the order condition fails.
+        There is more than one if the order condition fails: the output then jumps at a reversal.
         """
         v, film, plays = memory.input_degC, self.model.packed, memory.plays.copy()
         here = self.model.output_at(memory)
@@ -227,12 +228,12 @@ class Inverse:
         return tuple((float(low), float(high)) for low, high in merged)
 
     def reachable_interval(self, memory: Memory) -> tuple[float, float]:
-        """Least and largest output that can be reached from this memory without turning round."""
+        """Return the least and the largest output that can be reached from this memory without a reversal."""
         intervals = self.reachable_intervals(memory)
         return intervals[0][0], intervals[-1][1]
 
     def trajectory(self, targets: ArrayLike, memory: Memory) -> tuple[Array, Memory]:
-        """Temperatures (degC) for a sequence of outputs, nan where one is out of reach, and the memory after."""
+        """Return temperatures (degC) for a sequence of outputs, nan where one is out of reach, and the memory after."""
         wanted = writable(targets)
         rows, counts = np.empty((2, wanted.size)), np.empty(wanted.size, dtype=np.int64)
         plays = memory.plays.copy()
@@ -241,7 +242,7 @@ class Inverse:
 
 
 def _nearest(target: float, ends: Sequence[float]) -> float:
-    """The nearest of some outputs, in order from the least; nan for a target that is none."""
+    """Return the nearest of some outputs, in order from the least; nan for a target of nan."""
     if math.isnan(target):
         return math.nan
     within = min(max(target, ends[0]), ends[-1])

@@ -32,7 +32,7 @@ from compensator.hysteresis.functions import Array, envelope_inverse, memoryless
 
 @njit
 def _inverse_parameters(radii: Array, weights: Array) -> tuple[Array, Array]:
-    """Radii s_i and weights q_i of the inverse, eqs (16)-(18); index 0 holds radius 0 and 1 / p_0."""
+    """Return radii s_i and weights q_i of the inverse, eqs (16)-(18); index 0 holds radius 0 and 1 / p_0."""
     inverse_radii, inverse_weights = np.zeros(radii.size), np.zeros(radii.size)
     inverse_weights[0] = 1.0 / weights[0]
     before = weights[0]
@@ -49,7 +49,7 @@ def _inverse_parameters(radii: Array, weights: Array) -> tuple[Array, Array]:
 def _analytic(
     y: float, envelope_row: Array, weights: Array, memory: Array, inverse_radii: Array, inverse_weights: Array
 ) -> float:
-    """Psi^-1 at y from a memory: eqs (14), (15); nan where y leaves the envelope's range."""
+    """Return Psi^-1 at y from a memory, eqs (14), (15); nan where y leaves the envelope's range."""
     present = 0.0
     for j in range(weights.size):
         present += weights[j] * memory[j]
@@ -81,7 +81,7 @@ def _iterate(
     sigma: float,
     most: int,
 ) -> tuple[bool, float, int]:
-    """(converged, v, iterations) of eq (20) from the present temperature."""
+    """Return (converged, v, iterations) of eq (20) from the present temperature."""
     inverse_radii, inverse_weights = _inverse_parameters(radii, weights)
     rest = v
     for n in range(1, most + 1):
@@ -100,7 +100,7 @@ def _iterate(
 
 @dataclass(frozen=True)
 class IterationResult:
-    """What the fixed-point iteration gave: temperature (degC), iterations used, and whether it converged."""
+    """Result of the fixed-point iteration: temperature (degC), iterations used, and whether it converged."""
 
     temperature_degC: float
     iterations: int
@@ -108,7 +108,7 @@ class IterationResult:
 
 
 def applicable(model: FilmModel) -> bool:
-    """Whether eqs (15)-(18) are defined: common envelopes, and a radius 0 with a positive weight first."""
+    """Return True if eqs (15)-(18) are defined: common envelopes, and a radius 0 with a positive weight first."""
     return (
         not isinstance(model.rising, tuple)
         and float(model.radii[0]) == 0.0
@@ -120,9 +120,9 @@ def applicable(model: FilmModel) -> bool:
 def iterate(
     model: FilmModel, target: float, memory: Memory, sigma: float = 1e-4, most_iterations: int = 1000
 ) -> IterationResult:
-    """The paper's inverse: v_n = Psi^-1[target - D(v_(n-1))] until |v_n - v_(n-1)| < sigma (K), eq (20).
+    """Solve by the paper's inverse: v_n = Psi^-1[target - D(v_(n-1))] until |v_n - v_(n-1)| < sigma (K), eq (20).
 
-    Raises ValueError where the method is not defined for the model (see `applicable`).
+    Raises ValueError if the method is not defined for the model (see `applicable`).
     """
     if not applicable(model):
         raise ValueError("the paper's inverse needs common envelopes, radii[0] = 0 and weights[0] > 0: p(r_0) divides")

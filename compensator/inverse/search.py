@@ -6,6 +6,10 @@ target, or when F is proven monotone there, so that the ends tell whether a brac
 through both ends, where H alone must have come far enough (common envelopes), or in the middle. Intervals are settled
 in the order of the walk, so that the first root found is the nearest. Bounds tighten with the square of the width, so
 that an extremum that just reaches the target, or just does not, takes a few splits.
+
+Where the output stands still at the target (a plateau of F) each temperature keeps the bound, and a bracket may close
+on any of them. The end nearest to where the film is is found as the root of a target that half of the bound is taken
+off (`plateau_start`).
 """
 
 from __future__ import annotations
@@ -19,10 +23,12 @@ from numpy.typing import NDArray
 from compensator.compiled import njit
 from compensator.hysteresis.film import Packed
 from compensator.hysteresis.functions import Array, lean
-from compensator.inverse.bracket import DEEPEST, FOUND, HERE, TOP, bracketed, common_root, copy_row
+from compensator.inverse.bracket import DEEPEST, FOUND, FOUND_UP, HERE, TOP, bracketed, common_root, copy_row
 from compensator.inverse.branch import (
+    E1,
     GAMMA,
     ROWS,
+    SLOPE,
     F,
     Work,
     Z,
@@ -30,10 +36,10 @@ from compensator.inverse.branch import (
     common_step,
     evaluate,
     held_back,
+    inside,
     moving_weight,
     slope_onward,
 )
-from compensator.inverse.monotone_intervals import inside
 
 NARROW: Final = 1e-12  # relative to |z|: no interval narrower than this is searched for a further pair of roots
 SAME_K: Final = 1e-6  # roots no further apart are one: its bracket's end may be met from both sides
@@ -44,7 +50,7 @@ Flags = NDArray[np.bool_]
 
 @lean
 def outweighed(least_slope: float, side: float, film: Packed, memory: Array, work: Work) -> bool:
-    """Whether a straight common envelope's operators that move from HERE on rise faster than E can fall."""
+    """Return True if the operators of a straight common envelope that move from HERE on rise faster than E can fall."""
     envelopes, first = film[0], 0 if side > 0.0 else 3
     if envelopes.shape[0] > 1 or envelopes[0, first] != 0.0:
         return False
@@ -53,7 +59,7 @@ def outweighed(least_slope: float, side: float, film: Packed, memory: Array, wor
 
 @lean
 def extremum(x: int, y: int, sign: float, side: float, film: Packed, memory: Array, work: Work) -> float:
-    """Where the cubic through both points has its largest (sign +1) or smallest (-1) value; nan if at an end."""
+    """Return where the cubic through both points has its largest (sign +1) or smallest (-1) value; nan if at an end."""
     p, q = work[0][x], work[0][y]
     width = q[Z] - p[Z]
     rise_p = -sign * slope_onward(x, side, film, memory, work)
@@ -79,7 +85,7 @@ def split(
     memory: Array,
     work: Work,
 ) -> float:
-    """Where to divide the interval between two points; known: (least F', largest F', least E, largest E)."""
+    """Return where to divide the interval between two points; known: (least F', largest F', least E, largest E)."""
     p, q = work[0][x], work[0][y]
     width, middle = q[Z] - p[Z], 0.5 * (p[Z] + q[Z])
     if stale >= 2:
@@ -127,7 +133,7 @@ def one_root(
     work: Work,
     tolerance: float,
 ) -> tuple[bool, int]:
-    """The root between the point in row HERE and another, F monotone between them: (found, evaluations)."""
+    """Find the root between the point in row HERE and another, F monotone between them: (found, evaluations)."""
     points = work[0]
     far, far_f = points[far_row, Z], points[far_row, F]
     if film[0].shape[0] == 1 and not far_f < target:
@@ -140,7 +146,7 @@ def one_root(
 def walked(
     row: int, evaluated: Flags, stale: Integers, target: float, side: float, film: Packed, memory: Array, work: Work
 ) -> int:
-    """One evaluation on the way to a far end that is not evaluated yet: the row that it stands in.
+    """Evaluate a point on the way to a far end that is not evaluated yet, and return the row that it stands in.
 
     It is at a step towards the target, once for each far end, else at that end.
     """
@@ -165,7 +171,7 @@ def walked(
 
 @lean
 def added(found: int, points: Array, roots: Array) -> int:
-    """How many roots there are with the one in row FOUND, where it is another than the last."""
+    """Return how many roots there are with the one in row FOUND, unless that is the same as the last."""
     if found > 0 and not points[FOUND, Z] - roots[found - 1] > SAME_K:
         return found
     roots[found] = points[FOUND, Z]
@@ -176,7 +182,7 @@ def added(found: int, points: Array, roots: Array) -> int:
 def verdict(
     row: int, target: float, tolerance: float, known: tuple[float, float, float, float], work: Work
 ) -> tuple[bool, bool, bool]:
-    """Of the interval from HERE to a row: (settled, its far end is a root, it holds exactly one root).
+    """Return (settled, its far end is a root, it holds exactly one root) of the interval from HERE to a row.
 
     known: (least F', largest F', least F, largest F) within.
     """
@@ -233,10 +239,10 @@ def search(
     tolerance: float,
     roots: Array,
 ) -> tuple[int, int]:
-    """Roots of F = target from the point in row HERE to z = end, nearest first: (how many, evaluations).
+    """Find the roots of F = target from the point in row HERE to z = end, nearest first: (how many, evaluations).
 
-    As many are looked for as `roots` has places; the last is left in the row FOUND. The row HERE is the limit of the
-    branch at the present temperature: where the output jumps at a reversal, the first root may lie one bit beyond.
+    The search ends when `roots` is full; the last root is left in the row FOUND. The row HERE is the limit of the
+    branch at the present temperature: if the output jumps at a reversal, the first root may lie one bit beyond.
     least_slope: of dD/dv within the limits.
     """
     points, found, count = work[0], 0, 0
@@ -294,7 +300,7 @@ def largest(
     work: Work,
     tolerance: float,
 ) -> float:
-    """The largest (sign +1) or smallest (-1) F from the point in row HERE to z = end, to `tolerance`."""
+    """Return the largest (sign +1) or smallest (-1) F from the point in row HERE to z = end, to `tolerance`."""
     points = work[0]
     best = sign * points[HERE, F]
     evaluate(TOP, side, end, film, memory, work)
@@ -319,3 +325,89 @@ def largest(
         best = max(best, sign * points[depth + 1, F])
         depth += 1
     return float(sign * best)
+
+
+FLAT_K: Final = 1e-3  # a root that may be moved as far within the tolerance stands on a plateau
+
+
+@lean
+def plateau_start(
+    side: float,
+    target: float,
+    f_here: float,
+    start: float,
+    film: Packed,
+    table: Array,
+    least_slope: float,
+    memory: Array,
+    work: Work,
+    tolerance: float,
+    roots: Array,
+) -> int:
+    """Move the root in row FOUND to the near end of its plateau, if it stands on one; return the evaluations taken.
+
+    f_here: F at z = start, where the walk began. The near end is where F is half of the tolerance short of the target.
+    """
+    points = work[0]
+    z, f = points[FOUND, Z], points[FOUND, F]
+    if abs(f_here - target) <= tolerance or abs(slope_onward(FOUND, side, film, memory, work)) * FLAT_K > tolerance:
+        return 0
+    towards = 1.0 if target > f_here else -1.0
+    goal = target - towards * 0.5 * tolerance
+    if towards * (f - goal) <= 0.0:
+        return 0
+    evaluate(HERE, side, start, film, memory, work)
+    found, count = search(side, goal, z, film, table, least_slope, memory, work, 0.25 * tolerance, roots)
+    if found == 0 or not abs(points[FOUND, F] - target) <= tolerance:
+        evaluate(FOUND, side, z, film, memory, work)
+        count += 1
+    return count + 1
+
+
+@lean
+def plateau_start_common(
+    side: float,
+    target: float,
+    bound: float,
+    envelopes: Array,
+    radii: Array,
+    weights: Array,
+    code: int,
+    par: Array,
+    memory: Array,
+    points: Array,
+    held: Array,
+    parts: Array,
+) -> int:
+    """Do as `plateau_start` for common envelopes and a D that never falls, from what `common_root` has left."""
+    total = points[FOUND, E1]
+    for j in range(radii.size):
+        if points[FOUND, GAMMA] - radii[j] >= held[j]:
+            total += weights[j] * points[FOUND, SLOPE]
+    goal, far, far_f = target - 0.5 * bound, points[FOUND, Z], points[FOUND, F]
+    if total * FLAT_K > bound or far_f <= goal:
+        return 0
+    for k in range(points.shape[1]):
+        points[FOUND_UP, k] = points[FOUND, k]
+    _, count = common_root(
+        HERE,
+        far,
+        far_f,
+        True,
+        side,
+        goal,
+        envelopes,
+        radii,
+        weights,
+        code,
+        par,
+        memory,
+        points,
+        held,
+        parts,
+        0.25 * bound,
+    )
+    if not abs(points[FOUND, F] - target) <= bound:
+        for k in range(points.shape[1]):
+            points[FOUND, k] = points[FOUND_UP, k]
+    return count

@@ -17,8 +17,7 @@ from compensator.hysteresis.film import Packed
 from compensator.hysteresis.functions import Array, envelope, lean, memoryless
 from compensator.inverse.bracket import FOUND, FOUND_UP, HERE, common_root, copy_row
 from compensator.inverse.branch import E1, E2, GAMMA, SLOPE, D, F, Work, Z, evaluate, place_common, workspace
-from compensator.inverse.plateau import FLAT_K, plateau_start, plateau_start_common
-from compensator.inverse.search import largest, search
+from compensator.inverse.search import FLAT_K, largest, plateau_start, plateau_start_common, search
 
 # what the compiled loops need beside the film: (limits and costs: see `Inverse.settings`, pieces of D)
 Settings = tuple[Array, Array]
@@ -37,7 +36,7 @@ def _place_here(
     parts: Array,
     here: Array,
 ) -> None:
-    """The row HERE, at the present temperature v on a branch, from what is known of v. Common envelopes."""
+    """Fill the row HERE, at the present temperature v on a branch, from what is known of v. Common envelopes."""
     points[HERE, Z], points[HERE, D] = side * v, here[1]
     points[HERE, E1], points[HERE, E2] = here[2], side * here[3]
     if here[4] == side:
@@ -62,7 +61,7 @@ def _place_next(
     points: Array,
     parts: Array,
 ) -> float:
-    """The row FOUND, one bit beyond v on a branch: that temperature. Common envelopes."""
+    """Fill the row FOUND, one bit beyond v on a branch, and return that temperature. Common envelopes."""
     v_next = np.nextafter(v, side * math.inf)
     first = 0 if side > 0.0 else 3
     d0, d1, d2 = memoryless(code, par, v_next)
@@ -89,7 +88,7 @@ def solve_monotone(
     parts: Array,
     here: Array,
 ) -> tuple[bool, float, float, int]:
-    """`solve` where D never decreases and envelopes are common: one branch, one bracket.
+    """Do as `solve` where D never decreases and envelopes are common: one branch, one bracket.
 
     Plain arrays and one exit: with tuples of arrays or a second return every call would count its references.
     """
@@ -138,7 +137,7 @@ def solve_monotone(
 def solve_any(
     target: float, v: float, film: Packed, settings: Settings, memory: Array, work: Work
 ) -> tuple[bool, float, float, int]:
-    """`solve` for films of which D may fall, or whose envelopes are mixed: both branches, each searched."""
+    """Do as `solve` for films of which D may fall, or whose envelopes are mixed: both branches, each searched."""
     limits, table = settings
     points, root = work.points, work.root
     bound, least_slope = limits[BOUND], limits[LEAST_SLOPE]
@@ -180,10 +179,10 @@ def solve_any(
 def solve(
     target: float, v: float, film: Packed, settings: Settings, memory: Array, work: Work
 ) -> tuple[bool, float, float, int]:
-    """(found, temperature, model minus target, evaluations) of the chosen solution, from v (degC) and a memory.
+    """Return (found, temperature, model minus target, evaluations) of the chosen solution, from v (degC) and a memory.
 
-    The row FOUND and `here` of the workspace hand `arrive` what is known at the solution, so that a smooth target costs
-    no evaluation twice.
+    The row FOUND and `here` of the work arrays hand `arrive` what is known at the solution, so that a smooth target
+    costs no evaluation twice.
     """
     limits = settings[0]
     if limits[LEAST_SLOPE] >= 0.0 and film[0].shape[0] == 1:
@@ -232,9 +231,10 @@ def trajectory(
     rows: Array,
     evaluations: NDArray[np.int64],
 ) -> float:
-    """Temperatures for a sequence of outputs; where a target is out of reach the film rests and the row is nan.
+    """Fill temperatures for a sequence of outputs and return the last; `memory` is left there.
 
-    rows: temperatures and residuals, shape (2, targets). Returns the last temperature; `memory` is left there.
+    Where a target is out of reach the film rests and the row is nan. rows: temperatures and residuals, shape (2,
+    targets).
     """
     envelopes, radii, work = film[0], film[1], workspace(film)
     for i in range(targets.size):
@@ -257,7 +257,7 @@ def solutions_on_branch(
     memory: Array,
     roots: Array,
 ) -> tuple[int, int]:
-    """All temperatures from v to `end` on one branch where the output is `target`: (how many, evaluations)."""
+    """Find all temperatures from v to `end` on one branch where the output is `target`: (how many, evaluations)."""
     work = workspace(film)
     evaluate(HERE, side, side * v, film, memory, work)
     found, count = search(
@@ -281,7 +281,7 @@ def solutions_on_branch(
 def output_range(
     side: float, v: float, end: float, film: Packed, settings: Settings, memory: Array
 ) -> tuple[float, float]:
-    """Least and largest output on one branch from v (its limit there) to `end`."""
+    """Return the least and the largest output on one branch from v (its limit there) to `end`."""
     work = workspace(film)
     extremes = np.empty(2)
     for k in range(2):

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.hysteresis.film import FilmModel, Memory
+from compensator.hysteresis.film import FilmModel, Memory, reversal_jumps
 from compensator.hysteresis.functions import Array
-from compensator.hysteresis.reversal_jumps import reversal_jumps
 from compensator.inverse.inverse import Inverse, Solution
 from rig.core.faults import Faults
 from rig.records.film_output import column_of, in_decades, output_to_quantity, sign_of

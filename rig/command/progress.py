@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rig.control.tick import Tick
+from rig.control.decision import Tick
 from rig.core.reading import Reading
 from rig.core.terminal_line import PatientLine, TerminalLine
 from rig.daemon.status_text import clock, number, resistance

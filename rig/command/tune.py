@@ -18,7 +18,7 @@ from rig.core.faults import fault
 if TYPE_CHECKING:
     from compensator.control.design import Design
     from compensator.control.law import Law
-    from compensator.control.limit_cycle import LimitCycle
+    from compensator.control.margins import LimitCycle
     from rig.experiment.own_pid import OwnTuning
     from rig.experiment.tuning import WholeLaw
 

@@ -174,17 +174,15 @@ class ControlTable(Table):
     """[control]: design of the laws.
 
     ms: largest sensitivity of a PID; with 1.42 that of the whole law stays below 1.6 for a film 0.6 times as steep as
-    the model's. dead_time_s: of the bench, by default one period. band_dec: least difference at which the reference
-    turns round; a run estimates what noise adds. most_share: of the difference between ohmmeter and model, that one
-    reading may change the law's correction by; 0.35 is what the margins of the whole law allow at a period of 0.1 s
-    (`peltier tune` computes it for others). preview_s: how far a law looks ahead, by default as long as the plate takes
-    across the film's loop. rate_share: of the plate's fastest rates, for ramps of temperature.
+    the model's. dead_time_s: of the bench, by default one period. most_share: of the difference between ohmmeter and
+    model, that one reading may change the law's correction by; 0.35 is what the margins of the whole law allow at a
+    period of 0.1 s (`peltier tune` computes it for others). preview_s: how far a law looks ahead, by default as long as
+    the plate takes across the film's loop. rate_share: of the plate's fastest rates, for ramps of temperature.
     """
 
     ms: Annotated[float, Field(gt=1.05, le=2.5)] = 1.42
     dead_time_s: Annotated[float, Field(ge=0.0, le=3600.0)] | None = None
     preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] | None = None
-    band_dec: NotNegative = 0.0
     rate_share: Share = 0.9
     most_share: Share = 0.35
 

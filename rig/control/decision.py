@@ -1,20 +1,23 @@
-"""What the loop asks of a policy: a decision a tick, from readings and from when they were taken."""
+"""What passes through the loop each tick: the readings' times, a policy's decision, and the tick as it was."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
+
+from rig.core.reading import Reading
+from rig.safety.bench_watch import BenchWatch
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What a policy asks for: a current (A), or a setpoint (degC) for the controller's own PID; and what to record.
+    """Decision of a policy: a current (A), or a setpoint (degC) for the controller's own PID; and what to record.
 
-    setpoint_degC: the temperature that is wanted, or sent where use_setpoint. reference_degC: the course towards it
-    that the plate can follow. target_output, predicted_output: of a meter that reads another quantity than ohms.
-
-    done: the phase ends here; a current that stands beside it is sent. wait: nothing is sent, whatever is on stays on.
+    setpoint_degC: the wanted temperature; it is sent if use_setpoint. reference_degC: the course towards it that the
+    plate can follow. target_output, predicted_output: of a meter that reads another quantity than ohms. done: the phase
+    ends here; a current given with it is sent. wait: nothing is sent, the output stays as it is.
     """
 
     current_A: float = math.nan
@@ -31,10 +34,10 @@ class Decision:
 
 @dataclass(frozen=True)
 class ReadAt:
-    """When a tick's readings were taken, s: the thermometer's after the tick, the output's before the thermometer's.
+    """Times of a tick's readings, s: the thermometer's after the tick, the output's before the thermometer's.
 
-    acts_after_s: when a command acts, after the thermometer's reading; as it was at the last tick. test_current_A: of
-    the ohmmeter, while it read; 0 where there is none.
+    acts_after_s: from the thermometer's reading until a command acts, as it was at the last tick. test_current_A: of
+    the ohmmeter, while it read; 0 if there is none.
     """
 
     after_s: float = 0.0
@@ -49,16 +52,17 @@ AT_THE_TICK = ReadAt()
 def read_at(
     begin_s: float, tick_s: float, row_s: float, output_s: float, acts_after_s: float, test_current_A: float
 ) -> ReadAt:
-    """Out of a run's times (s): of its phase's beginning, of its row and of the row's output (nan: none).
+    """Return the reading times from a run's times (s): of its phase's beginning, its row and the row's output (nan:
+    none).
 
-    tick_s: of the tick, from the beginning of the phase. test_current_A: nan where there is none.
+    tick_s: of the tick, from the beginning of the phase. test_current_A: nan if there is none.
     """
     age_s = 0.0 if math.isnan(output_s) else row_s - output_s
     return ReadAt(row_s - begin_s - tick_s, age_s, acts_after_s, 0.0 if math.isnan(test_current_A) else test_current_A)
 
 
 class Policy(Protocol):
-    """What decides. time_s, of the tick, runs from the start of its phase; output is -log10(R / 1 ohm), nan where
+    """Policy of a phase. time_s, of the tick, runs from the start of the phase; output is -log10(R / 1 ohm), nan if
     unknown."""
 
     def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision: ...
@@ -66,10 +70,44 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Predicts(Protocol):
-    """A policy that goes by what its commands do: it has to know when each acts, and which nobody acknowledged."""
+    """Policy that predicts from its commands: it needs to know when each acts, and which were not acknowledged."""
 
     def acted(self, acts_s: float) -> None:
-        """When the last decision's command acted, in the phase's time."""
+        """Take the time at which the last decision's command acted, in the phase's time."""
 
     def held(self, current_A: float) -> None:
-        """The last decision's command is not known to have arrived: this current is on, A."""
+        """Take the current (A) that is on, as the last decision's command may not have arrived."""
+
+
+@dataclass
+class Ticks:
+    """Punctuality of the loop: ticks done, ticks missed, largest lateness (s).
+
+    gaps: times without a reading for more than `rig.control.loop.GAP_S` with a current on; unwatched_s: the longest
+    time without a reading with a current on. unacknowledged: ticks whose command the controller did not acknowledge.
+    """
+
+    done: int = 0
+    missed: int = 0
+    latest_s: float = 0.0
+    gaps: int = 0
+    unwatched_s: float = 0.0
+    unacknowledged: int = 0
+
+
+Progress = Callable[[str, float, float], None]  # phase, seconds done, seconds in all
+
+
+@dataclass(frozen=True)
+class Tick:
+    """One tick: time of the run (s), readings with quality, the test current at the ohmmeter's reading, the command
+    (nan: nothing sent), the watch."""
+
+    time_s: float
+    phase: str
+    temperature: Reading
+    resistance: Reading | None
+    test_current_A: float
+    current_A: float
+    decision: Decision
+    watch: BenchWatch

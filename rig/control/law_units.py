@@ -21,8 +21,11 @@ LAW_SPAN: Final = 2.0  # of a film's major loop, in the law's unit: the decades 
 
 @dataclass(frozen=True)
 class LawUnits:
-    """quantity: of the target, "resistance" or the meter's column. factor: the law's output over the meter's, which is
-    -log10(R / 1 ohm), or the column's value."""
+    """Units of a law's output.
+
+    quantity: of the target, "resistance" or the meter's column. factor: the law's output over the meter's, which is
+    -log10(R / 1 ohm) or the column's value.
+    """
 
     quantity: str
     factor: float
@@ -32,26 +35,26 @@ class LawUnits:
     @overload
     def law(self, metered: Array) -> Array: ...
     def law(self, metered: float | Array) -> float | Array:
-        """In the law's unit, out of what the meter or a target says."""
+        """Return a meter's or target's value in the law's unit."""
         return self.factor * metered
 
     def shown(self, output: float) -> float:
-        """In ohm, or in the column's unit, out of the law's."""
+        """Return the law's output in ohm, or in the column's unit."""
         metered = output / self.factor
         return output_to_ohm(metered, FALLING_RESISTANCE) if self.quantity == "resistance" else metered
 
     def in_words(self, output: float) -> str:
-        """The same for people, with its unit."""
+        """Return the law's output as a text with its unit."""
         return f"{self.shown(output):.6g} {self.unit}"
 
     @property
     def unit(self) -> str:
-        """Of what is shown."""
+        """Return the unit of what is shown."""
         return "ohm" if self.quantity == "resistance" else unit_of(self.quantity)
 
 
 def plain_units(film: FilmModel | None) -> LawUnits:
-    """Of a law whose film is as its model has it; of one without a film, those of a resistance."""
+    """Return the units of a law whose film is as its model has it; those of a resistance if there is no film."""
     output = film.output if film is not None else FALLING_RESISTANCE
     if in_decades(output):
         return LawUnits("resistance", -sign_of(output))
@@ -59,7 +62,7 @@ def plain_units(film: FilmModel | None) -> LawUnits:
 
 
 def law_units(film: FilmModel, limits_degC: tuple[float, float]) -> LawUnits:
-    """The units of a law of this film, between these temperatures."""
+    """Return the units of a law of this film, between these temperatures."""
     units = plain_units(film)
     if units.quantity == "resistance":
         return units
@@ -69,5 +72,5 @@ def law_units(film: FilmModel, limits_degC: tuple[float, float]) -> LawUnits:
 
 
 def in_law_units(film: FilmModel, units: LawUnits) -> FilmModel:
-    """The film whose output is the law's."""
+    """Return the film with its output in the law's unit."""
     return film if units.quantity == "resistance" else film.scaled(abs(units.factor))

@@ -18,11 +18,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rig.bench.assembly import Bench
-from rig.control.decision import Decision, Policy, Predicts, read_at
+from rig.control.decision import Decision, Policy, Predicts, Progress, Tick, Ticks, read_at
 from rig.control.meter_readings import MeterReadings
 from rig.control.own_law import kept_law
 from rig.control.sender import Sender
-from rig.control.tick import Progress, Tick, Ticks
 from rig.core.errors import Disconnected, InstrumentError, of_whom
 from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
@@ -40,11 +39,11 @@ TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: 
 
 
 class Loop:
-    """One bench, one run folder, phase after phase.
+    """Loop of one bench and one run folder, phase after phase.
 
-    on_tick: called with every tick when its row is written. tripped: what this loop has tripped on, and why it runs no
-    further phase. rejected: readings of each instrument that were none. signals: looked at before anything is sent.
-    averaged: integrations of a meter's reading, None: as many as a period has room for.
+    on_tick: called with every tick when its row is written. tripped: the trip that ended this loop, which runs no
+    further phase. rejected: number of readings of each instrument that were not credible. signals: looked at before
+    anything is sent. averaged: integrations of a meter's reading; None: as many as a period has room for.
     """
 
     def __init__(
@@ -77,26 +76,26 @@ class Loop:
         self._told_s = -math.inf
 
     def after_off(self) -> ExpectedCurves | None:
-        """What the thermometer would show if the output went off now; None where no reading could choose."""
+        """Return the expected temperatures if the output went off now; None if no reading could tell on from off."""
         return self.watch.after_off(self.sent.current_A)
 
     @property
     def sent(self) -> Sent:
-        """What is on."""
+        """Return what is on."""
         return self._sender.sent
 
     def elapsed_s(self) -> float:
-        """Time of the run, s."""
+        """Return the time of the run, s."""
         return self.bench.clock.now_s() - self._start_s
 
     def know_plate(self, known: KnownPlate) -> None:
-        """From now on readings are judged by what this plate does."""
+        """Judge readings by this plate's model from now on."""
         self.watch.know(known)
 
     def phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
         """Run a policy for a time, or until it says that it is done. Raises what ends an experiment.
 
-        What it sent last stays on: the next phase follows at once, or `resting` does.
+        The last command stays on: the next phase follows at once, or `resting` does.
         """
         if self.tripped is not None:
             raise self.tripped
@@ -109,7 +108,7 @@ class Loop:
 
     @contextmanager
     def resting(self, why: str) -> Iterator[None]:
-        """The output is off and the guard idle while something is computed; the next phase arms it anew.
+        """Keep the output off and the guard idle while something is computed; the next phase arms it anew.
 
         Raises NotConfirmedOff.
         """
@@ -131,7 +130,7 @@ class Loop:
         self.folder.event(begin_s, "rest", why, duration_s=self.elapsed_s() - begin_s)
 
     def leave_meter(self) -> None:
-        """The meter is somebody else's from now on: a reading that is under way is let come in."""
+        """Let a reading that is under way come in: the meter is used by somebody else from now on."""
         self._readings.leave()
 
     def _phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
@@ -174,8 +173,10 @@ class Loop:
             self._progress(name, duration_s, duration_s)
 
     def _begin_anew(self, now: float) -> None:
-        """Nothing flowed, and nobody looked for a while: the output is armed anew, because the controller's own dead
-        man may have switched it off."""
+        """Arm the output anew after a while without a current and without a reading.
+
+        The controller's own dead man may have switched it off.
+        """
         self.watch.begin_anew(now)
         self._sender.rests()
         self._read_s = None
@@ -239,7 +240,7 @@ class Loop:
         return decision.done
 
     def _tell_guard(self, now: float) -> None:
-        """That the loop lives, and what would follow if it did not."""
+        """Tell the guard that the loop lives, and the expected temperatures if it stops."""
         guard = self.bench.guard
         guard.alive()
         if guard.guarding and now - self._told_s >= TOLD_EVERY_S:
@@ -247,7 +248,7 @@ class Loop:
             guard.expects(self.after_off())
 
     def _count_gap(self, now: float) -> None:
-        """How long nobody read with a current on: from one reading to the next."""
+        """Measure the time without a reading while a current is on."""
         if self._read_s is not None and self.sent.heats_or_cools:
             unwatched_s = now - self._read_s
             self.ticks.unwatched_s = max(self.ticks.unwatched_s, unwatched_s)
@@ -266,8 +267,10 @@ class Loop:
                     self.folder.event(now - self._start_s, "no_reading", f"{name}: {reasons[name]}")
 
     def _apply(self, policy: Policy, decision: Decision, now: float, degC: float, begin_s: float) -> float:
-        """Send it, and tell a policy of a phase that began then; about when it acts, on the bench's clock: nan where
-        nobody acknowledged it."""
+        """Send a decision, and return about when it acts, on the bench's clock; nan if it was not acknowledged.
+
+        The policy, whose phase began at begin_s, is told either.
+        """
         acts_s = self._sender.apply(decision, now, degC)
         if math.isnan(acts_s):
             self.ticks.unacknowledged += 1
@@ -279,7 +282,7 @@ class Loop:
         return acts_s
 
     def _note_status(self) -> None:
-        """What the controller says about itself, at a trip."""
+        """Note the controller's status at a trip."""
         try:
             status = status_of(self.bench.controller)
         except Disconnected as error:
@@ -289,10 +292,9 @@ class Loop:
         self.folder.event(self.elapsed_s(), "status", f"controller: {self.status_at_trip}")
 
     def _read_both(self, next_due_s: float, period_s: float) -> tuple[Reading, Reading | None, tuple[float, float]]:
-        """The temperature, the reading that the meter was asked for before, and that one's test current: how large (A)
-        and since when (s of the run).
+        """Read the temperature and fetch the meter's reading; return both, and its test current (A) and since when (s).
 
-        Where there will be no time for it after the command, the meter is asked for the reading of the next tick.
+        If there is no time for it after the command, the meter's next reading is begun here.
         """
         asked_s = self.bench.clock.now_s()
         temperature, known_s = self._read_temperature(), self.bench.clock.now_s()

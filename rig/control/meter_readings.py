@@ -31,8 +31,10 @@ USUAL = 0.1  # share by which a new duration counts, and by which a reading's go
 
 
 class MeterReadings:
-    """One meter, read by one loop; meter: None where the bench has none. count: integrations of a reading, None: as
-    many as the period has room for."""
+    """Readings of one meter by one loop; meter: None if the bench has none.
+
+    count: integrations of a reading; None: as many as the period has room for.
+    """
 
     def __init__(self, meter: Meter | None, clock: Clock, count: int | None = None) -> None:
         self._meter, self._clock, self._count = meter, clock, count
@@ -44,11 +46,11 @@ class MeterReadings:
         self._answers = True  # the last one came
 
     def fit(self, period_s: float) -> str:
-        """Before a run of that period: of how many integrations a reading is, and how long it takes; in words, or
-        nothing where that is known already.
+        """Choose the number of integrations of a reading for a period, and measure how long a reading takes.
 
-        Raises Disconnected; Faults for a configured number that the meter does not take. After any other fault readings
-        are single ones until the next fit, and what is wrong is the first tick's to find.
+        Returns a sentence about it, empty if nothing has changed. Raises Disconnected; Faults for a configured number
+        that the meter does not take. After any other fault readings are single ones until the next fit, and the first
+        tick reports the fault.
         """
         if self._meter is None or (self._is_fitted and period_s == self._period_s):
             return ""
@@ -91,7 +93,8 @@ class MeterReadings:
         return one
 
     def _averages(self, meter: Meter, averaging: Averaging) -> bool:
-        """Whether the meter takes that filter. Raises Faults where it does not, and it is the configured one."""
+        """Return True if the meter takes that filter. Raises Faults if it does not, and the filter is the configured
+        one."""
         try:
             average(meter, averaging)
         except Refused as error:
@@ -101,7 +104,7 @@ class MeterReadings:
         return True
 
     def _timed(self, meter: Meter) -> tuple[float, float]:
-        """How long a reading takes, s: of two the shorter, which no late host has lengthened, and the longer."""
+        """Return how long a reading takes, s: the shorter of two, which no late host has lengthened, and the longer."""
         took_s = []
         for _ in range(2):
             begin_s = self._clock.now_s()
@@ -112,7 +115,7 @@ class MeterReadings:
     # ---- tick by tick ---------------------------------------------------------------------------
 
     def ready(self) -> None:
-        """Before a phase's first tick: wait until a reading will be there when it has read the temperature."""
+        """Wait, before a phase's first tick, until a reading will be there after the temperature's."""
         if self._meter is None or not self._answers:
             return
         if self._begun_s is not None and self._clock.now_s() - self._begun_s > self._takes_s + self._period_s:
@@ -124,23 +127,23 @@ class MeterReadings:
             self._clock.sleep_until_s(min(there_s, self._clock.now_s() + self._period_s))  # a current may flow
 
     def begin_for(self, due_s: float) -> None:
-        """Wait for the moment at which the reading of the tick that is due then has to begin, and begin it.
+        """Wait until the reading of the tick due then has to begin, and begin it.
 
-        Not with a meter that has just failed: bringing its line in step may take a second and more. That is a tick's
-        doing, which reads the temperature before and after, and not a program's that is late.
+        Not with a meter that has just failed: bringing its line in step may take a second and more. That is done in a
+        tick, which reads the temperature before and after, so that the program is not late.
         """
         if self._meter is not None and self._answers and self._begun_s is None:
             self._clock.sleep_until_s(min(self._begins_s(due_s), due_s))
             self._begin(self._meter)
 
     def begin_before_the_command(self, due_s: float) -> None:
-        """Begin it at once where there will be no time for it after the command."""
+        """Begin the next reading at once if there is no time for it after the command."""
         after_it_s = self._clock.now_s() + self._rest_of_tick_s
         if self._meter is not None and self._answers and self._begins_s(due_s) < after_it_s:
             self._begin(self._meter)
 
     def fetch(self) -> Reading | None:
-        """The reading that was begun; None without a meter. Raises InstrumentError."""
+        """Return the reading that was begun; None without a meter. Raises InstrumentError."""
         if self._meter is None:
             return None
         if self._begun_s is None:
@@ -158,7 +161,7 @@ class MeterReadings:
         return reading
 
     def leave(self) -> None:
-        """Nobody wants the reading that is under way."""
+        """Discard the reading that is under way."""
         pending, self._begun_s = self._begun_s is not None and self._why_not is None, None
         self._why_not = None
         if pending and self._meter is not None:
@@ -168,11 +171,11 @@ class MeterReadings:
                 self._answers = False
 
     def thermometer_took(self, took_s: float) -> None:
-        """A tick's question for the temperature took so long."""
+        """Learn how long a tick's temperature reading took."""
         self._thermometer_s = _toward(self._thermometer_s, took_s, USUAL)
 
     def rest_took(self, took_s: float) -> None:
-        """What a tick did after both readings, its command among it, took so long."""
+        """Learn how long the rest of a tick, from both readings to the command, took."""
         self._rest_of_tick_s = _toward(self._rest_of_tick_s, took_s, USUAL)
 
     def _begins_s(self, due_s: float) -> float:

@@ -23,8 +23,11 @@ EXPECTED = "expected its class in a file of its own, which the script or noteboo
 
 @dataclass(frozen=True)
 class KeptLaw:
-    """file, text: the law's module; entries: of the event that begins its phase, which say how to make it again, or why
-    it cannot be."""
+    """User-defined law in a run folder.
+
+    file, text: the law's module. entries: of the event that begins its phase: how to make the law again, or why that is
+    impossible.
+    """
 
     file: str = ""
     text: str = ""
@@ -32,7 +35,7 @@ class KeptLaw:
 
 
 def kept_law(policy: Policy) -> KeptLaw:
-    """Return what a run folder has to keep of a law to replay it; nothing of one of this program's own."""
+    """Return what a run folder keeps of a law to replay it; nothing for a law of this program."""
     kind = type(policy)
     if kind.__module__.partition(".")[0] == "rig":
         return KeptLaw()

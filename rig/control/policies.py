@@ -26,7 +26,7 @@ LEAST_WAY_K: Final = 0.2  # of a plan over the preview: less is a dwell, on whic
 
 
 class CurrentProfile:
-    """A current over time; ends early where the temperature leaves a range."""
+    """Policy of a current over time; it ends early if the temperature leaves a range."""
 
     def __init__(self, target: Target, low_degC: float = -math.inf, high_degC: float = math.inf) -> None:
         self._target = target
@@ -40,9 +40,9 @@ class CurrentProfile:
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """Which way the film is to go where a target has several temperatures.
+    """Laws that head up or down, for a target with several temperatures.
 
-    planned: temperatures over the time of the target, degC. up, down: the law, heading either way.
+    planned: temperatures over the time of the target, degC.
     """
 
     planned: Target
@@ -50,7 +50,7 @@ class Branches:
     down: Law
 
     def law(self, nearest: Law, from_s: float, to_s: float) -> Law:
-        """The law for the coming targets; `nearest` where the plan stands still."""
+        """Return the law for the coming targets; `nearest` where the plan stands still."""
         ahead = float(self.planned.at(to_s)) - float(self.planned.at(from_s))
         if abs(ahead) < LEAST_WAY_K:
             return nearest
@@ -58,15 +58,15 @@ class Branches:
 
 
 class Follow:
-    """A law following a target; holds the law's state between ticks, and gives it to the next phase.
+    """Policy that follows a target with a law; it holds the law's state between ticks and gives it to the next phase.
 
-    The target's quantity says what it is: a temperature for the law "temperature", else what the meter reads. units:
-    of the law's output, by default those of its film. setpoints: the reference goes to the controller's own PID instead
-    of a current to its output. branches: the way to go where a target has several temperatures.
+    The target's quantity is a temperature for the law "temperature", else the meter's. units: of the law's output, by
+    default those of its film. setpoints: the reference goes to the controller's own PID instead of a current to its
+    output. branches: for a target with several temperatures.
 
-    To be set afterwards: correction, what earlier runs have learned, on -log10 R (`rig.experiment.repeated`); the
-    target that is recorded stays as it is. estimates_memory: nobody knows the film's memory at the start; the readings
-    tell.
+    To be set afterwards: correction, learned in earlier runs, on -log10 R (`rig.experiment.repeated`); the recorded
+    target stays as it is. estimates_memory: True if the film's memory is unknown at the start and estimated from the
+    readings.
     """
 
     def __init__(
@@ -135,25 +135,25 @@ class Follow:
         )
 
     def acted(self, acts_s: float) -> None:
-        """The last command acted then: plate and film went on with the current before until that moment."""
+        """Take the time at which the last command acted: until then plate and film went on with the current before."""
         late_s = acts_s - self._acted_s
         if self.state is not None and not self.setpoints and abs(late_s) <= LATEST_S:
             self.state, moved_s = self.law.late(self.state, self._before_A, late_s)
             self._acted_s += moved_s
 
     def held(self, current_A: float) -> None:
-        """The last command was not acknowledged: plate and film go on with this current (A; nan: nobody knows)."""
+        """Take the current (A; nan: unknown) with which plate and film go on after an unacknowledged command."""
         if self.state is not None and not math.isnan(current_A):
             self.state = self.state._replace(current_A=current_A)
 
     def _given_before(self, read_s: float) -> bool:
-        """Whether the output that was read then is the one that the meter gave at the tick before."""
+        """Return True if the output that was read then is the one of the tick before."""
         again = abs(read_s - self._read_s) < SAME_READING_S
         self._read_s = read_s
         return again
 
     def _since_s(self, tick_s: float, acts_s: float) -> float:
-        """Time from when the command before acted until then; nan: the first tick of a phase."""
+        """Return the time from when the command before acted until then; nan at the first tick of a phase."""
         since_s = acts_s - self._acted_s if tick_s > self._tick_s else math.nan
         if since_s < SOONEST * self.law.settings.period_s:
             since_s = SOONEST * self.law.settings.period_s
@@ -162,19 +162,19 @@ class Follow:
         return since_s
 
     def _lacking(self, time_s: float) -> float:
-        """What the model is known to lack of the output at a time: the law goes by a film without it."""
+        """Return the known error of the model's output at a time: the law goes by a film without it."""
         known = self.correction
         return float(known.at(time_s)) if known is not None and known.quantity == MODEL_LACKS else 0.0
 
     def _started(self, temperature_degC: float, output: float, test_current_A: float) -> LawState:
-        """The law's state at the first readings."""
+        """Return the law's state at the first readings."""
         if self.estimates_memory:
             return self.law.start_anywhere(temperature_degC, output, test_current_A)
         return self.law.start(temperature_degC, self._memory, test_current_A=test_current_A)
 
 
 class Setpoints:
-    """A temperature over time as setpoints for the controller's own PID: it needs no model."""
+    """Policy of a temperature over time as setpoints for the controller's own PID: it needs no model."""
 
     def __init__(self, target: Target) -> None:
         self._target = target
@@ -184,7 +184,7 @@ class Setpoints:
 
 
 class Look:
-    """Nothing is sent: to see where the temperature is."""
+    """Policy that sends nothing and reads the temperature."""
 
     def __init__(self) -> None:
         self.temperature_degC = math.nan
@@ -195,14 +195,14 @@ class Look:
 
 
 def temperature_now(loop: Loop, name: str, period_s: float) -> float:
-    """The next credible temperature (degC), as a short phase. Raises Tripped where there is none for too long."""
+    """Return the next credible temperature (degC), in a short phase. Raises Tripped if there is none for too long."""
     look = Look()
     loop.phase(name, look, 2.0 * loop.limits.stale_s + period_s, period_s)
     return look.temperature_degC
 
 
 def handed_over(state: LawState, law: Law) -> LawState:
-    """The state of one law as the start of another: the estimates stay, the correction begins anew."""
+    """Return the state of one law as the start of another: the estimates stay, the correction begins anew."""
     fresh, known, seen = (
         law.start(state.temperature_degC, state.memory, state.current_A),
         state.estimate,
@@ -218,7 +218,7 @@ def handed_over(state: LawState, law: Law) -> LawState:
 
 
 def warmed_up(law: Law) -> Law:
-    """The law, after some steps: what has to be compiled is, before a loop waits for it."""
+    """Return the law after some steps, so that all is compiled before a loop waits for it."""
     state, wanted = law.start(25.0, None), np.full(law.preview_times_s().size, 25.0)
     if law.film is not None:
         law.start_anywhere(25.0, law.film.output_at(law.film.initial_memory(25.0)))

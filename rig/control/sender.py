@@ -24,7 +24,7 @@ MAY_HAVE_ARRIVED = (TimedOut, Corrupt, OutOfStep)
 
 
 class Sender:
-    """What one loop sends. sent: what is on; why: the last command was not acknowledged."""
+    """Commands of one loop. sent: what is on; why: the last command was not acknowledged."""
 
     def __init__(self, bench: Bench, limits: Limits, watch: BenchWatch) -> None:
         self.sent = OFF
@@ -36,11 +36,11 @@ class Sender:
         self._longest_s = min(limits.stale_s, dead_man_s) if dead_man_s > 0.0 else limits.stale_s
 
     def rests(self) -> None:
-        """The output is off, or nothing flowed for a while: the next command arms it anew."""
+        """Forget what is on, after an off or a time without a current: the next command arms the output anew."""
         self.sent, self._unacknowledged_s = OFF, None
 
     def measured(self, now_s: float) -> Sent:
-        """What is on; under the controller's own regulation the current that it says flows, where it can tell."""
+        """Return what is on; under the controller's own regulation with the current that it measures, if it can."""
         controller = self._bench.controller
         if self._measures and now_s - self._measured_s >= MEASURED_EVERY_S:
             self._measured_s = now_s
@@ -50,7 +50,7 @@ class Sender:
         return self.sent
 
     def apply(self, decision: Decision, now_s: float, degC: float) -> float:
-        """Send it, the output armed where it is not; about when it acts, on the bench's clock.
+        """Send a decision, arm the output first if needed, and return about when it acts, on the bench's clock.
 
         nan: it was not acknowledged. Raises Tripped for what may not be sent, and InstrumentError.
         """
@@ -66,7 +66,7 @@ class Sender:
         return self._send(controller.set_current_A, decision.current_A, Sent(decision.current_A, armed=True))
 
     def _arm(self, now_s: float, needed: bool, arm: Callable[[], None]) -> None:
-        """Every question of it has to be answered."""
+        """Arm the output; every question of it has to be answered."""
         if not needed:
             return
         self._bench.guard.busy()
@@ -93,7 +93,7 @@ class Sender:
         return 0.5 * (before_s + clock.now_s())
 
     def _doubt(self, error: InstrumentError, before_s: float, wanted: Sent) -> None:
-        """Raises the error where it has gone on for too long."""
+        """Note a command without acknowledgement; raise the error if that has gone on for too long."""
         of_whom(error, self._called)
         since_s = before_s if self._unacknowledged_s is None else self._unacknowledged_s
         self._unacknowledged_s, self.why = since_s, str(error)
@@ -112,5 +112,5 @@ class Sender:
 
     @property
     def _measures(self) -> bool:
-        """Whether the controller regulates by itself, and tells the current."""
+        """Return True if the controller regulates by itself and reports the current."""
         return not math.isnan(self.sent.setpoint_degC) and self._bench.controller.commands_current

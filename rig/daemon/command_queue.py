@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rig.config.configuration import ConfigurationFile
-from rig.control.tick import Ticks
+from rig.control.decision import Ticks
 from rig.core.clock import Clock
 from rig.core.errors import PortHeld
 from rig.core.faults import Faults
@@ -120,7 +120,7 @@ class CommandQueue:
 
     @property
     def latch(self) -> Latch | None:
-        """The latch that keeps jobs from starting until a reset."""
+        """Return the latch that keeps jobs from starting until a reset; None if there is none."""
         return self.latch_store.held
 
     def label_s(self) -> float:

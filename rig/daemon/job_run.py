@@ -11,7 +11,7 @@ from typing import Any
 
 from rig.bench.assembly import Bench
 from rig.bench.serial_numbers import strangers
-from rig.control.tick import Tick
+from rig.control.decision import Tick
 from rig.core.errors import RigError
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, OfOutput, Stopped, Tripped, Unsuitable
@@ -228,7 +228,7 @@ class JobRun:
     # -- reports of the run --------------------------------------------------------------------------------------
 
     def began(self) -> None:
-        """A loop has the bench from now on; the idle loop releases it."""
+        """Note that a loop has the bench; the idle loop releases it."""
         with self._idle_lock, self._lock:
             self._pass.check_void()
             self._commands.in_loop = True
@@ -242,8 +242,11 @@ class JobRun:
         self._commands.coming_s = sum(seconds for _, seconds in phases)
 
     def phase(self, name: str, duration_s: float) -> None:
-        """A phase begins. With the first one after `condition`, which may come in parts, the film's memory is known:
-        the conditioning has ended, at its hot end."""
+        """Note the beginning of a phase.
+
+        With the first one after `condition`, which may come in parts, the film's memory is known: the conditioning has
+        ended, at its hot end.
+        """
         commands = self._commands
         if self._conditioning and name != CONDITION and commands.memory_since_s is None:
             commands.memory_since_s = commands.label_s()
@@ -253,7 +256,7 @@ class JobRun:
         commands.changed()
 
     def tick(self, tick: Tick) -> None:
-        """A control cycle was completed: into the history, with the time of day in place of the run's."""
+        """Write a completed control cycle into the history, with the time of day in place of the run's."""
         self._pass.check_void()
         commands, decision = self._commands, tick.decision
         self._last = (tick.watch, tick.current_A)
@@ -270,7 +273,7 @@ class JobRun:
         )
 
     def ended(self, confirmed: bool | None, ticks: Mapping[str, Any]) -> None:
-        """The loop is over and the output was commanded off; ticks: how punctual it was."""
+        """Note that the loop is over and the output was commanded off; ticks: how punctual it was."""
         commands = self._commands
         if self._pass.void is not None:
             return

@@ -164,7 +164,7 @@ class StoppableClock:
 
 
 def _always() -> None:
-    """Check of those who may always pass."""
+    """Let everybody pass."""
 
 
 class _ReportsWhileValid:

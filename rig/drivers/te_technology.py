@@ -524,11 +524,6 @@ class TeTechnologyController(TemperatureController):
         quality = Quality.OK if LOWEST_DEGC <= value_degC <= HIGHEST_DEGC else Quality.INVALID
         return Reading(value_degC if quality is Quality.OK else nan, time_s, quality)
 
-    def read_power_percent(self) -> Reading:
-        """Read the power output (02), % of full power, positive heats as far as the instrument's polarity is set so."""
-        (value,) = self._exchange((b"02", None))
-        return Reading(value / 511.0 * 100.0, self.link.arrived_s, Quality.OK if abs(value) <= 511 else Quality.INVALID)
-
     def status(self) -> Status:
         """Read the alarms (05, on the TC-48-20 03) and whether power is on (46)."""
         alarms, power = self._exchange((self._model.alarms, None), (self._power_read, None))

@@ -13,7 +13,7 @@ from compensator.thermal.plate import PlateModel
 from rig.config.configuration import Configuration
 from rig.config.model_file import Model
 from rig.config.target import Target
-from rig.control.tick import Tick
+from rig.control.decision import Tick
 from rig.experiment.calibration import calibration_range
 from rig.experiment.minor_loops import fitted_and_checked, minor_turning_points
 from rig.experiment.pulses import PULSE_S

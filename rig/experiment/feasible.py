@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.hysteresis.film import FilmModel, Memory
+from compensator.hysteresis.film import FilmModel, Memory, reversal_jumps
 from compensator.hysteresis.functions import Array
-from compensator.hysteresis.reversal_jumps import reversal_jumps
 from compensator.inverse.branch_plan import branch_plan
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel

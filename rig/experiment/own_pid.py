@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from compensator.control.design import Design, steepest_slope
-from compensator.control.own_pid import OwnPid, design_own_pid
-from compensator.control.whole_law import NOISES_K
+from compensator.control.design import Design, OwnPid, design_own_pid, steepest_slope
+from compensator.control.margins import NOISES_K
 from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
 from rig.config.configuration import Configuration

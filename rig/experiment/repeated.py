@@ -1,9 +1,9 @@
 """Repetitions of a tracking run: what one has taught about the course goes into the next.
 
-    model_lacks   what the film model lacks of the output (`compensator.control.model_error`): taken off the readings
+    model_lacks   what the film model lacks of the output (`compensator.control.repetition`): taken off the readings
                   and off the target, so that the law goes by a film that its model describes
     correction    of a law without a film model, and of a model with effects on the ohmmeter, whose own output is not
-                  what is read: what one repetition missed is added to the target (`compensator.control.learning`)
+                  what is read: what one repetition missed is added to the target (`compensator.control.repetition`)
 
     correction.csv   in a run's folder: what was used (time_s, and model_lacks_dec or correction_dec, on -log10 R)
     learned.csv      what the next repetition would use
@@ -21,8 +21,7 @@ from typing import Final
 import numpy as np
 
 from compensator.control.law_step import LawName
-from compensator.control.learning import learned
-from compensator.control.model_error import lacking
+from compensator.control.repetition import corrected_reference, model_error
 from compensator.hysteresis.functions import Array
 from rig.analysis.score import TRACK, rms, tracking_error
 from rig.config.model_file import Model
@@ -77,7 +76,7 @@ def next_correction(run: RunFolder, target: Target, used: Target, period_s: floa
         if not np.any(good):
             return Target(used.quantity, grid, before)
         # log10 of measured over wanted: what -log10 R lacks
-        after = learned(before, np.interp(grid, time[good], error[good]))
+        after = corrected_reference(before, np.interp(grid, time[good], error[good]))
     return Target(used.quantity, grid, np.clip(after, -LARGEST_DEC, LARGEST_DEC))
 
 
@@ -97,7 +96,7 @@ def lacked(run: RunFolder, target: Target, used: Target) -> tuple[Array, Array]:
     with np.errstate(invalid="ignore", divide="ignore"):
         off = -np.log10(ohm[rows]) + np.interp(read_s[rows], told_s[good], np.log10(model_ohm[good]))
     off[~np.isfinite(off)] = math.nan
-    return at_s, lacking(off - used.at(at_s), np.abs(np.diff(target.at(at_s), prepend=target.values[0])))
+    return at_s, model_error(off - used.at(at_s), np.abs(np.diff(target.at(at_s), prepend=target.values[0])))
 
 
 @dataclass

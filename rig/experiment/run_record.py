@@ -18,8 +18,8 @@ import numpy as np
 from rig.bench.assembly import Bench
 from rig.bench.output_off import OutputOff
 from rig.config.configuration import ConfigurationFile
+from rig.control.decision import Progress, Tick
 from rig.control.loop import Loop
-from rig.control.tick import Progress, Tick
 from rig.core.columns import OF_A_RUN
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, Stopped, Tripped

@@ -20,10 +20,9 @@ from rig.bench.assembly import Bench, open_bench
 from rig.config.configuration import ConfigurationFile
 from rig.config.model_file import Model, write_model
 from rig.config.target import Target, target_column
-from rig.control.decision import Policy
+from rig.control.decision import Policy, Progress, Tick
 from rig.control.loop import Loop
 from rig.control.policies import Follow, Setpoints
-from rig.control.tick import Progress, Tick
 from rig.core.faults import fault
 from rig.drivers.controller import cools, drive_unit
 from rig.drivers.meter import LOG_RESISTANCE, column_of

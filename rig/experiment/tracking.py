@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.control.design import Design, design_log_resistance, design_temperature
-from compensator.control.horizon import crossing_s, preview
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import LawName, LawState
-from compensator.control.linear_plant import Timing
+from compensator.control.linearization import Timing
 from compensator.control.observer import Observer
+from compensator.control.reference_shaping import crossing_s, preview
 from compensator.hysteresis.film import FilmModel
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
@@ -90,7 +90,6 @@ def law_and_design(
         gains=design.gains,
         preview=count,
         preview_spacing_s=spacing_s,
-        band=control.band_dec,
         rate_share=control.rate_share if name == "temperature" else control.resistance_rate_share,
         fastest_K_per_s=fastest_K_per_s,
         most_share=control.most_share,

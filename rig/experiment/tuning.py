@@ -14,31 +14,27 @@ from typing import Any
 
 import numpy as np
 
-from compensator.control.design import Design, sampled_loop, steepest_slope
+from compensator.control.design import Design, OwnPid, sampled_loop, steepest_slope
 from compensator.control.law import Law
 from compensator.control.law_step import LawName
-from compensator.control.limit_cycle import (
+from compensator.control.linearization import Point, Timing, operating_points
+from compensator.control.margins import (
+    NOISES_K,
+    RATIOS,
     LimitCycle,
+    LoopMargins,
     at_command,
     at_ohmmeter,
     at_thermometer,
     backlash,
-    dead_band,
-    limit_cycles,
-    steps,
-)
-from compensator.control.linear_plant import Timing
-from compensator.control.operating_points import Point, operating_points
-from compensator.control.own_pid import OwnPid
-from compensator.control.whole_law import (
-    NOISES_K,
-    RATIOS,
-    LoopMargins,
     critical_gain,
     critical_ratio,
+    dead_band,
     least,
+    limit_cycles,
     loop_margins_at,
     share_within,
+    steps,
     worst_ms,
 )
 from compensator.hysteresis.film import FilmModel

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compensator.control.whole_law import bearable_ms, frequencies, judged, worst_ms
+from compensator.control.margins import bearable_ms, frequencies, judged, worst_ms
 from rig.records.run_folder import plain_json
 from rig.report.figures import BLUE, EDGE, GOLD, GREEN, INK, PURPLE, RED, SOFT, grid, saved
 from rig.report.page import bullets, figure, paragraph, section, table, tiles, write_page

@@ -76,7 +76,7 @@ class ExpectedCurves:
 
     @property
     def lasts_s(self) -> float:
-        """Duration of the curves."""
+        """Return the duration of the curves, s."""
         return self.every_s * (len(self.off) - 1)
 
     @property

@@ -70,7 +70,7 @@ class KnownPlate:
 
     @property
     def behind_s(self) -> float:
-        """Largest time from a command until the thermometer shows it."""
+        """Return the largest time from a command until the thermometer shows it, s."""
         return max(self.lag_s + self.delay_s, self.largest_lag_s)
 
 

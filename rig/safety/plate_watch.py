@@ -150,7 +150,7 @@ class PlateWatch:
 
     @property
     def looked_s(self) -> float:
-        """Time of the last reading; nan if the plate's temperature is unknown."""
+        """Return the time of the last reading, s; nan if the plate's temperature is unknown."""
         return self._at_s if self.known is not None and self._observer is not None else math.nan
 
     def run_on(self, now_s: float, current_A: float) -> float:
@@ -162,7 +162,7 @@ class PlateWatch:
 
     @property
     def off_K(self) -> float:
-        """Distance of the last reading from its expectation."""
+        """Return the distance of the last reading from its expectation, K."""
         return abs(self._observer.reading_degC - self._observer.shown_degC) if self._observer is not None else 0.0
 
     @property
@@ -172,7 +172,7 @@ class PlateWatch:
 
     @property
     def late_s(self) -> float:
-        """Largest time by which a command may show later than the model says."""
+        """Return the largest time by which a command may show later than the model says, s."""
         known = self.known
         if known is None:
             return 0.0

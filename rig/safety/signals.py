@@ -57,7 +57,7 @@ class SignalStop:
 
     @staticmethod
     def outcome(number: int) -> BaseException:
-        """Return the exception of a signal."""
+        """Return KeyboardInterrupt for INT, else SystemExit with the status 128 + number."""
         return Stopped(number)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
@@ -82,7 +82,7 @@ class NotebookStop(SignalStop):
 
     @staticmethod
     def outcome(number: int) -> BaseException:
-        """KeyboardInterrupt for INT, else SystemExit with the status 128 + number."""
+        """Return KeyboardInterrupt for INT, else SystemExit with the status 128 + number."""
         return KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
 
     def _ended(self, number: int) -> BaseException:

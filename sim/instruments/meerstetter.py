@@ -91,7 +91,6 @@ def table(device_type: int) -> dict[int, Parameter]:
         Parameter(2052, "I", 0, 0, 1000000),  # response delay, us
         Parameter(2060, "F", 0.0, 0.0, 600.0),  # communication watchdog, s; 0 is off
         Parameter(3000, "F", 25.0, -273.0, 1000.0),  # target object temperature, degC
-        Parameter(3002, "F", 0.0, 0.0, 1000.0),  # proximity width, degC
         Parameter(3003, "F", 0.0, 0.0, 1000.0),  # coarse temperature ramp, degC/s; 0 is at once
         Parameter(3010, "F", 10.0, 0.0, 1000.0),  # Kp, %/degC
         Parameter(3011, "F", 30.0, 0.0, 10000.0),  # Ti, s; 0 is no integral part
@@ -107,8 +106,6 @@ def table(device_type: int) -> dict[int, Parameter]:
         Parameter(50000, "I", 0, 0, 1, volatile=True),  # live enable
         Parameter(50001, "F", 0.0, -amps, amps, volatile=True),  # live current, A
         Parameter(50002, "F", volts, -volts, volts, volatile=True),  # live voltage, V
-        Parameter(50012, "F", 25.0, -273.0, 1000.0, volatile=True),  # live target object temperature, degC
-        Parameter(52200, "F", 0.0, -273.0, 1000.0, volatile=True),  # external object temperature, degC
     ]
     return {parameter.number: parameter for parameter in parameters}
 
@@ -158,14 +155,12 @@ class MeerstetterTec(SerialInstrument, Ticking):
         self._watchdog_error = watchdog_error
         self.hardware_enable = False
         self._measured = self._measured_parameters(plant)
-        self._descriptions = {READ: self._value_text, b"?VM": self._metadata_text, b"?VL": self._limits_text}
+        self._descriptions = {READ: self._value_text, b"?VL": self._limits_text}
         self._reads: dict[bytes, Callable[[], bytes]] = {}
         self._sets: dict[bytes, Parameter] = {}
         self.status_until_reset: int | None = None
         self.output_A = 0.0
         self._regulator = Regulator()
-        self._target_degC = self._values[3000]
-        self._external_s = start_s - 10.0
         self._last_degC = nan
         self._stable_since_s = start_s
         self._strikes: dict[int, int] = {}  # conversions in a row out of bounds, by device error
@@ -182,14 +177,13 @@ class MeerstetterTec(SerialInstrument, Ticking):
             109: lambda: 2 if self._values[108] else int(self._unsaved),
             1000: plant.read_temperature_degC,
             1001: plant.sink_temperature_degC,
-            1010: lambda: self._target_degC,
+            1010: lambda: self._values[3000],
             1011: lambda: self._nominal_degC,
             1020: lambda: self.output_A,
             1021: lambda: self.output_A * self._load_ohm,
             1032: lambda: self._regulator.output_percent,
             1063: lambda: 35.0,
             1200: self._stability,
-            52200: lambda: self._values[52200] if self._now_s - self._external_s <= 5.0 else nan,
         }
 
     # ---- commands -------------------------------------------------------------------------------
@@ -227,8 +221,8 @@ class MeerstetterTec(SerialInstrument, Ticking):
         if payload[:2] == SET:
             code = self._set(payload)
             return _error(head, code) if code else acknowledgement
-        if payload in (b"RS", b"ES", b"SP"):
-            {b"RS": self._reset, b"ES": self._emergency_stop, b"SP": self._save}[payload]()
+        if payload in (b"RS", b"ES"):
+            {b"RS": self._reset, b"ES": self._emergency_stop}[payload]()
             return acknowledgement
         if payload[:3] == b"?IF" and len(payload) in (3, 5):  # mecompyapi appends an instance
             return _frame(head, self._firmware)
@@ -261,12 +255,6 @@ class MeerstetterTec(SerialInstrument, Ticking):
             return b"00" + _float32_text(parameter.minimum) + _float32_text(parameter.maximum)
         return b"01" + _int32_text(parameter.minimum) + _int32_text(parameter.maximum)
 
-    def _metadata_text(self, parameter: Parameter) -> bytes:
-        """Return type, flags (1 readable, 2 writable), instances, elements, minimum, maximum and value."""
-        limits = self._limits_text(parameter)
-        flags = b"01" if parameter.read_only else b"03"
-        return limits[:2] + flags + b"01" + b"00000001" + limits[2:] + self._value_text(parameter)
-
     def _set(self, payload: bytes) -> int:
         parameter = self._sets.get(payload[:8])
         if parameter is None:
@@ -288,14 +276,10 @@ class MeerstetterTec(SerialInstrument, Ticking):
         self._values[number] = value
         if number in MOVES_OUTPUT:
             self._move_output()
-        elif number in (3000, 50012):
-            self._target_degC = value
         elif number == 2060:
             self._watch()
         elif number == 2051:
             self._own_address = b"%02X" % int(value)
-        elif number == 52200:
-            self._external_s = self._now_s
         if not (parameter.volatile or self._unsaved or self._values[108]):
             self._unsaved = True
             self._plant.schedule(self._now_s + 0.5, self._save)
@@ -323,7 +307,7 @@ class MeerstetterTec(SerialInstrument, Ticking):
 
     @property
     def _nominal_degC(self) -> float:
-        return self._regulator.nominal_degC if self._regulating() else self._target_degC
+        return self._regulator.nominal_degC if self._regulating() else self._values[3000]
 
     def _move_output(self) -> None:
         values = self._values
@@ -354,10 +338,10 @@ class MeerstetterTec(SerialInstrument, Ticking):
         if not self._regulating() or isnan(temperature_degC):
             return
         values = self._values
-        if abs(temperature_degC - self._target_degC) > self._stable_within_K:
+        if abs(temperature_degC - self._values[3000]) > self._stable_within_K:
             self._stable_since_s = self._now_s
         self._regulator.step(
-            self._target_degC,
+            self._values[3000],
             temperature_degC,
             ramp_K_per_s=values[3003],
             gain_percent_per_K=values[3010],
@@ -420,13 +404,12 @@ class MeerstetterTec(SerialInstrument, Ticking):
 
     # ---- flash and reset ------------------------------------------------------------------------
 
-    def _save(self, time_s: float | None = None) -> None:
-        """Write the settings to flash; with `time_s` because the automatic save is due."""
-        if time_s is not None and not self._unsaved:
-            return
-        self._unsaved = False
-        self._flash = dict(self._values)
-        self.flash_writes += 1
+    def _save(self, _: float) -> None:
+        """Write the settings to flash: the automatic save is due."""
+        if self._unsaved:
+            self._unsaved = False
+            self._flash = dict(self._values)
+            self.flash_writes += 1
 
     def _reset(self) -> None:
         self.status_until_reset = RESETTING
@@ -449,7 +432,6 @@ class MeerstetterTec(SerialInstrument, Ticking):
             self._values[number] = self._flash[number]
         self._strikes = {}
         self._own_address = b"%02X" % int(self._values[2051])
-        self._target_degC = self._values[3000]
         self._move_output()
         self._watch()
 

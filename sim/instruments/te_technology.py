@@ -95,7 +95,7 @@ MODELS = {
             Setting("reset latches", b"33", b"", 0, 0, 1),
             Setting("EEPROM", b"34", b"4c", 1, 0, 1),
         ),
-        {b"01": "input 1", b"06": "input 2", b"02": "power", b"05": "alarms"},
+        {b"01": "input 1", b"06": "input 2", b"05": "alarms"},
     ),
     "tc-48-20": Model(
         4,
@@ -109,7 +109,7 @@ MODELS = {
             Setting("derivative", b"1f", b"53", 0, 0, SHORT),
             Setting("power on", b"30", b"64", 0, 0, 1),
         ),
-        {b"00": "model", b"01": "input 1", b"02": "power", b"03": "alarms", b"04": "input 2"},
+        {b"00": "model", b"01": "input 1", b"03": "alarms", b"04": "input 2"},
     ),
 }
 
@@ -148,7 +148,6 @@ class TeTechnology(SerialInstrument, Ticking):
         measured: dict[str, Callable[[], int]] = {
             "input 1": lambda: self._fixed(plant.read_temperature_degC()),
             "input 2": lambda: self._fixed(plant.sink_temperature_degC()),
-            "power": lambda: self.power,
             "alarms": lambda: self.alarms,
             "model": lambda: MODEL_CODE,
         }

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from compensator.control.disturbance import corrected, grown, moved_to, told, unknown_errors
+from compensator.control.estimator import disturbance_of, errors_after, errors_later, initial_errors, with_disturbance
 from compensator.hysteresis.functions import Array
 
 PERIOD_S, NOISE, RANGE, MOVED = 0.1, 0.002, 2.0, 0.001  # decades, of a film that moves by 0.01 a second
@@ -15,11 +15,11 @@ PERIOD_S, NOISE, RANGE, MOVED = 0.1, 0.002, 2.0, 0.001  # decades, of a film tha
 
 def followed(truth: Array, readings: Array, noise: float = NOISE, output_range: float = RANGE) -> Array:
     """The disturbance after each reading."""
-    errors, found = unknown_errors(output_range).copy(), []
+    errors, found = initial_errors(output_range).copy(), []
     for off in readings:
-        errors = grown(errors, output_range, MOVED / RANGE * output_range, PERIOD_S)
-        errors = corrected(errors, float(off), noise**2, 1.0)
-        found.append(told(errors)[0])
+        errors = errors_later(errors, output_range, MOVED / RANGE * output_range, PERIOD_S)
+        errors = errors_after(errors, float(off), noise**2, 1.0)
+        found.append(disturbance_of(errors)[0])
     return np.array(found) - truth
 
 
@@ -67,22 +67,24 @@ def test_its_doubt_is_what_it_is_off(size: float) -> None:
     off, doubts = [], []
     for seed in range(8):
         truth, readings = walked(size, seed)
-        errors = unknown_errors(RANGE).copy()
+        errors = initial_errors(RANGE).copy()
         for at, reading in zip(truth, readings, strict=True):
-            errors = corrected(grown(errors, RANGE, MOVED, PERIOD_S), float(reading), NOISE**2, 1.0)
-            value, doubt = told(errors)
+            errors = errors_after(errors_later(errors, RANGE, MOVED, PERIOD_S), float(reading), NOISE**2, 1.0)
+            value, doubt = disturbance_of(errors)
             off.append(value - at)
             doubts.append(doubt)
     assert 0.7 < np.mean(np.square(off)) / np.mean(doubts) < 1.4
 
 
 def test_a_film_that_stands_still_is_known_better_and_better() -> None:
-    errors, doubts, chance = unknown_errors(RANGE).copy(), [], np.random.default_rng(3)
+    errors, doubts, chance = initial_errors(RANGE).copy(), [], np.random.default_rng(3)
     for _ in range(600):
-        errors = corrected(grown(errors, RANGE, 0.0, PERIOD_S), 0.01 + NOISE * chance.standard_normal(), NOISE**2, 1.0)
-        doubts.append(told(errors)[1])
+        errors = errors_after(
+            errors_later(errors, RANGE, 0.0, PERIOD_S), 0.01 + NOISE * chance.standard_normal(), NOISE**2, 1.0
+        )
+        doubts.append(disturbance_of(errors)[1])
     assert doubts[-1] < doubts[100] < doubts[10]
-    assert told(errors)[0] == pytest.approx(0.01, abs=4.0 * math.sqrt(doubts[-1]))
+    assert disturbance_of(errors)[0] == pytest.approx(0.01, abs=4.0 * math.sqrt(doubts[-1]))
 
 
 def test_it_goes_by_the_output_s_range_not_by_its_unit() -> None:
@@ -92,14 +94,14 @@ def test_it_goes_by_the_output_s_range_not_by_its_unit() -> None:
 
 
 def test_one_reading_counts_for_no_more_than_is_said() -> None:
-    errors = corrected(unknown_errors(RANGE).copy(), 0.1, NOISE**2, 0.35)
-    assert told(errors)[0] <= 0.35 * 0.1
+    errors = errors_after(initial_errors(RANGE).copy(), 0.1, NOISE**2, 0.35)
+    assert disturbance_of(errors)[0] <= 0.35 * 0.1
 
 
 def test_a_mean_that_was_told_otherwise_keeps_its_doubt() -> None:
-    errors = unknown_errors(RANGE).copy()
+    errors = initial_errors(RANGE).copy()
     for off in (0.01, 0.012, 0.009):
-        errors = corrected(grown(errors, RANGE, MOVED, PERIOD_S), off, NOISE**2, 1.0)
-    mean, doubt = told(moved_to(errors, 0.05))
+        errors = errors_after(errors_later(errors, RANGE, MOVED, PERIOD_S), off, NOISE**2, 1.0)
+    mean, doubt = disturbance_of(with_disturbance(errors, 0.05))
     assert mean == pytest.approx(0.05)
-    assert doubt == pytest.approx(told(errors)[1])
+    assert doubt == pytest.approx(disturbance_of(errors)[1])

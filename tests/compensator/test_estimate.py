@@ -8,11 +8,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from compensator.control.estimate import Estimate, Noise
+from compensator.control.estimator import (
+    UNSTEADY_K_PER_S2,
+    Estimate,
+    Noise,
+    Predicted,
+    corrected_temperature,
+    initial_heats,
+)
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
-from compensator.control.unknown_heat import UNSTEADY_K_PER_S2, Foretold, corrected_temperature, unknown_heats
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
@@ -20,14 +26,14 @@ from tests.compensator.film_models import TEN_OPERATORS as FILM
 
 PLATE = PlateModel(1.67e-3, 0.067, 0.0167, 25.0)
 PERIOD_S, NOISE_K, NOISE_DEC = 0.1, 0.01, 0.002
-AT_REST = Foretold(0.0, 0.0, 0.0, 0.0)
+AT_REST = Predicted(0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("noise_K", [0.002, 0.01, 0.05])
 @pytest.mark.parametrize("lag_s", [0.0, 2.0])
 def test_noise_is_measured_on_a_moving_plate_and_averaged_away(noise_K: float, lag_s: float) -> None:
     """A thermometer behind the plate, too: the plate is known, not what it shows."""
-    state, heats, chance, off = Estimate(), unknown_heats(), np.random.default_rng(1), []
+    state, heats, chance, off = Estimate(), initial_heats(), np.random.default_rng(1), []
     degC = shown = lagged = 40.0
     follows = 1.0 - math.exp(-PERIOD_S / lag_s) if lag_s > 0.0 else 1.0
     for k in range(2000):
@@ -37,7 +43,7 @@ def test_noise_is_measured_on_a_moving_plate_and_averaged_away(noise_K: float, l
         shown += follows * (before - shown) + (PERIOD_S - lag_s * follows) * (degC - before) / PERIOD_S
         reading = lagged + noise_K * chance.standard_normal()
         shown, degC, state, heats = corrected_temperature(
-            state, heats, Foretold(shown, degC, shown_before, before), reading, PERIOD_S, 0.0, lag_s
+            state, heats, Predicted(shown, degC, shown_before, before), reading, PERIOD_S, 0.0, lag_s
         )
         off.append(degC - truth)
     assert math.sqrt(state.degC.variance) == pytest.approx(noise_K, rel=0.15)
@@ -48,7 +54,7 @@ def test_noise_is_measured_on_a_moving_plate_and_averaged_away(noise_K: float, l
 @pytest.mark.parametrize("size", UNSTEADY_K_PER_S2)
 def test_without_a_lag_the_gains_of_each_size_settle_at_the_alpha_beta_filter_s(size: float) -> None:
     """Kalata's eqs (14) and (17)."""
-    state, heats = Estimate(degC=Noise(NOISE_K**2)), unknown_heats((size,), (0.0,))
+    state, heats = Estimate(degC=Noise(NOISE_K**2)), initial_heats((size,), (0.0,))
     for _ in range(6000):
         heats = corrected_temperature(state, heats, AT_REST, 0.0, PERIOD_S, 0.0, 0.0)[-1]
     index = size * PERIOD_S**2 / NOISE_K
@@ -73,7 +79,7 @@ def off_K(
         lagged += follows * (truth - lagged) + (PERIOD_S - lag_s * follows) * rate
         truth += rate * PERIOD_S
         then = degC + (known + state.drift_K_per_s) * PERIOD_S
-        reading, there = lagged + NOISE_K * chance.standard_normal(), Foretold(then, then, shown, degC)
+        reading, there = lagged + NOISE_K * chance.standard_normal(), Predicted(then, then, shown, degC)
         shown, degC, state, heats = corrected_temperature(state, heats, there, reading, PERIOD_S, 0.0, 0.0)
         off.append(degC - truth)
     return np.array(off)
@@ -86,21 +92,21 @@ def no_heat(_: float) -> float:
 @pytest.mark.parametrize("lag_s", [0.6, 1.7, 5.0])
 def test_a_lag_of_the_thermometer_that_nobody_knows_is_found(lag_s: float) -> None:
     """At 0.1 K/s the plate is 0.1 K/s * lag from what is shown: what is left lies between two supposed lags."""
-    mine = off_K(unknown_heats(), no_heat, 7, lag_s, 0.1)
-    without = off_K(unknown_heats(lags_s=(0.0,)), no_heat, 7, lag_s, 0.1)
+    mine = off_K(initial_heats(), no_heat, 7, lag_s, 0.1)
+    without = off_K(initial_heats(lags_s=(0.0,)), no_heat, 7, lag_s, 0.1)
     assert np.std(mine[1000:]) < 0.2 * 0.1 * lag_s + 0.5 * NOISE_K
     assert np.std(without[1000:]) > 3.0 * np.std(mine[1000:])
 
 
 def test_a_drive_that_gives_less_than_its_model_is_learned() -> None:
     """A fifth less: told anew at each change of the current as heat that comes and goes, it was late each time."""
-    state, heats, chance = Estimate(), unknown_heats(), np.random.default_rng(11)
+    state, heats, chance = Estimate(), initial_heats(), np.random.default_rng(11)
     degC, truth, off = 40.0, 40.0, []
     for k in range(1200):
         driven = 0.5 * math.copysign(1.0, math.sin(0.3 * k * PERIOD_S))
         truth += 0.8 * driven * PERIOD_S
         then = degC + ((1.0 + state.drive_error) * driven + state.drift_K_per_s) * PERIOD_S
-        reading, there = truth + NOISE_K * chance.standard_normal(), Foretold(then, then, degC, degC, driven)
+        reading, there = truth + NOISE_K * chance.standard_normal(), Predicted(then, then, degC, degC, driven)
         _, degC, state, heats = corrected_temperature(state, heats, there, reading, PERIOD_S, 0.0, 0.0)
         off.append(degC - truth)
     assert state.drive_error == pytest.approx(-0.2, abs=0.005)
@@ -108,13 +114,13 @@ def test_a_drive_that_gives_less_than_its_model_is_learned() -> None:
 
 
 def test_nothing_is_lost_by_supposing_lags_where_there_is_none() -> None:
-    mine, without = (off_K(heats, no_heat, 7, 0.0, 0.1) for heats in (unknown_heats(), unknown_heats(lags_s=(0.0,))))
+    mine, without = (off_K(heats, no_heat, 7, 0.0, 0.1) for heats in (initial_heats(), initial_heats(lags_s=(0.0,))))
     assert np.std(mine[1000:]) < 1.05 * np.std(without[1000:])
 
 
 def test_a_plate_whose_heat_is_known_is_told_better_than_by_the_largest_size() -> None:
     errors = [
-        [float(np.std(off_K(unknown_heats(sizes), no_heat, seed)[1000:])) for seed in range(3)]
+        [float(np.std(off_K(initial_heats(sizes), no_heat, seed)[1000:])) for seed in range(3)]
         for sizes in (UNSTEADY_K_PER_S2, UNSTEADY_K_PER_S2[-1:])
     ]
     assert np.median(errors[0]) < 0.6 * np.median(errors[1])
@@ -126,8 +132,8 @@ def test_a_draught_that_comes_late_is_followed_as_by_the_largest_size() -> None:
     def heat(time_s: float) -> float:
         return 0.03 * (-1.0) ** int(time_s / 20.0) if time_s > 300.0 else 0.0
 
-    mine, largest = (off_K(unknown_heats(sizes), heat, 5) for sizes in (UNSTEADY_K_PER_S2, UNSTEADY_K_PER_S2[-1:]))
-    smallest = off_K(unknown_heats(UNSTEADY_K_PER_S2[:1]), heat, 5)
+    mine, largest = (off_K(initial_heats(sizes), heat, 5) for sizes in (UNSTEADY_K_PER_S2, UNSTEADY_K_PER_S2[-1:]))
+    smallest = off_K(initial_heats(UNSTEADY_K_PER_S2[:1]), heat, 5)
     assert np.std(mine[3000:]) < 1.1 * np.std(largest[3000:])
     assert np.std(smallest[3000:]) > 4.0 * np.std(largest[3000:])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.control.horizon import LONGEST_S, POINTS, crossing_s, preview
+from compensator.control.reference_shaping import LONGEST_S, POINTS, crossing_s, preview
 from compensator.hysteresis.film import IDENTITY, FilmModel
 from compensator.thermal.plate import PlateModel
 

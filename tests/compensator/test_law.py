@@ -8,13 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compensator.control.disturbance import REMEMBERED, SIZES, STANDS_S
-from compensator.control.estimate import STRANGE
+from compensator.control.estimator import (
+    DRIVE_DOUBT,
+    ERROR_MEMORY,
+    ERROR_SIZES,
+    HEAT_MEMORY_S,
+    LAGS_S,
+    LARGEST_SQUARE,
+    STANDS_S,
+    UNSTEADY_K_PER_S2,
+)
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import NAMES, Inputs, LawName, LawState
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import FilmNow, Reach, Reference, Turn, next_reference, next_temperature
-from compensator.control.unknown_heat import DRIVE_DOUBT, LAGS_S, REMEMBERED_S, UNSTEADY_K_PER_S2
 from compensator.hysteresis.film import Memory
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
@@ -37,8 +44,12 @@ class PlainEstimate:
         self.noise = {"degC": [1e-4, 0], "output": [4e-6, 0]}
         self.lately: dict[str, list[tuple[int, float]]] = {"degC": [], "output": []}
         self.tick = 0
-        self.drift, self.drive, self.range, self.sizes2 = 0.0, 0.0, output_range, (SIZES * output_range) ** 2
-        self.values, self.doubts, self.chances = np.zeros(SIZES.size), self.sizes2.copy(), np.ones(SIZES.size)
+        self.drift, self.drive, self.range, self.sizes2 = 0.0, 0.0, output_range, (ERROR_SIZES * output_range) ** 2
+        self.values, self.doubts, self.chances = (
+            np.zeros(ERROR_SIZES.size),
+            self.sizes2.copy(),
+            np.ones(ERROR_SIZES.size),
+        )
         self.shown, doubt = degC, np.diag([1e-4, 1e-4, 4e-4, DRIVE_DOUBT**2])
         doubt[0, 1] = doubt[1, 0] = 1e-4
         self.heats = {(lag, w): (np.zeros(4), doubt) for lag in LAGS_S for w in UNSTEADY_K_PER_S2}
@@ -77,7 +88,7 @@ class PlainEstimate:
             whole, off = p[0, 0] + noise, reading - (there[0] - rate * ACTS_S)
             gain = p[:, 0] / whole
             self.heats[lag, w] = now + gain * off, p - np.outer(gain, p[0])
-            self.likely[lag, w] *= math.exp(-0.5 * min(off**2 / whole, STRANGE)) / math.sqrt(whole)
+            self.likely[lag, w] *= math.exp(-0.5 * min(off**2 / whole, LARGEST_SQUARE)) / math.sqrt(whole)
         self.forget(period)
         told = sum(self.weights[each] * over for each, (over, _) in self.heats.items())
         self.heats = {each: (over - told, covariance) for each, (over, covariance) in self.heats.items()}
@@ -87,7 +98,7 @@ class PlainEstimate:
 
     def forget(self, period: float) -> None:
         """The weights, and what is kept of them."""
-        kept = math.exp(-period / REMEMBERED_S)
+        kept = math.exp(-period / HEAT_MEMORY_S)
         for lag in LAGS_S:
             inside = sum(self.likely[lag, w] for w in UNSTEADY_K_PER_S2)
             self.lags[lag] *= inside
@@ -108,11 +119,11 @@ class PlainEstimate:
     def disturbance(self, off: float, output: float, period: float) -> float:
         gone = abs(self.moved) / self.range
         self.doubts += self.sizes2 * (gone + period / STANDS_S)
-        self.chances **= math.exp(-gone / REMEMBERED)
+        self.chances **= math.exp(-gone / ERROR_MEMORY)
         if math.isfinite(off):
             self.learn("output", output)
             whole = self.doubts + self.noise["output"][0] + 1e-12
-            likely = np.exp(-0.5 * np.minimum((off - self.values) ** 2 / whole, STRANGE)) / np.sqrt(whole)
+            likely = np.exp(-0.5 * np.minimum((off - self.values) ** 2 / whole, LARGEST_SQUARE)) / np.sqrt(whole)
             self.chances *= likely
             self.chances /= np.max(self.chances)
             self.values += self.doubts / whole * (off - self.values)
@@ -157,7 +168,7 @@ def plain_step(
         following = next_temperature(targets, Reference(before, before), reach).film_degC
     else:
         settings = Inverse(film, s.low_degC, s.high_degC).settings()
-        band = max(s.band, s.reversal * math.sqrt(known.doubt)) if s.name != "feedforward" else 0.0
+        band = s.reversal * math.sqrt(known.doubt) if s.name != "feedforward" else 0.0
         turn = Turn(band, known.toward, before)
         now = FilmNow(memory.input_degC, memory.plays.copy(), film.packed, settings)
         plan = next_reference(targets - disturbance, turn, now, Reference(before, before), reach)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.control.learning import kept, learned
+from compensator.control.repetition import above_noise, corrected_reference
 
 ROWS, PERIOD_S, NOISE = 6000, 0.1, 0.002
 
@@ -20,10 +20,10 @@ def _slow(seed: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(5))
 def test_what_repeats_is_kept_and_noise_is_not(seed: int) -> None:
     slow, noise = _slow(seed), NOISE * np.random.default_rng(100 + seed).standard_normal(ROWS)
-    found = kept(slow + noise)
+    found = above_noise(slow + noise)
     assert np.std(found - slow) < 0.2 * NOISE
     assert np.std(found - slow) < 0.35 * np.std(slow)
-    assert np.std(kept(noise)) < 0.08 * NOISE
+    assert np.std(above_noise(noise)) < 0.08 * NOISE
 
 
 def test_repetitions_come_near_and_stay() -> None:
@@ -33,7 +33,7 @@ def test_repetitions_come_near_and_stay() -> None:
     for _ in range(12):
         true = slow - correction
         errors.append(np.std(true))
-        correction = learned(correction, true + NOISE * random.standard_normal(ROWS))
+        correction = corrected_reference(correction, true + NOISE * random.standard_normal(ROWS))
     assert errors[2] < 0.4 * errors[0]
     assert max(errors[3:]) < 0.4 * errors[0]
 
@@ -42,6 +42,6 @@ def test_gaps_and_too_few_readings() -> None:
     slow = _slow(3)
     error = slow + NOISE * np.random.default_rng(3).standard_normal(ROWS)
     error[1000:1200] = np.nan
-    assert np.std(kept(error) - slow) < 0.5 * np.std(slow)
-    assert not np.any(kept(np.full(50, 0.1)))
-    assert not np.any(kept(np.full(500, np.nan)))
+    assert np.std(above_noise(error) - slow) < 0.5 * np.std(slow)
+    assert not np.any(above_noise(np.full(50, 0.1)))
+    assert not np.any(above_noise(np.full(500, np.nan)))

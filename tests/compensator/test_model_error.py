@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.control.model_error import lacking
+from compensator.control.repetition import model_error
 
 ROWS, NOISE = 6000, 0.002
 
@@ -20,7 +20,7 @@ def _walk(seed: int, over_a_length: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("seed", range(3))
 def test_an_error_is_found_to_what_both_sides_tell(seed: int) -> None:
     true, steps = _walk(seed, 0.004)
-    found = lacking(true + NOISE * np.random.default_rng(100 + seed).standard_normal(ROWS), steps)
+    found = model_error(true + NOISE * np.random.default_rng(100 + seed).standard_normal(ROWS), steps)
     moving = steps > 0.0
     walk2, noise2 = 0.004**2 * 0.001 / 0.05, NOISE**2
     bound = np.sqrt(0.5 * walk2 * noise2 / np.sqrt(walk2 * noise2 + 0.25 * walk2**2))  # of an endless walk, smoothed
@@ -32,7 +32,7 @@ def test_an_error_is_found_to_what_both_sides_tell(seed: int) -> None:
 def test_noise_alone_teaches_next_to_nothing_in_whatever_unit(scale: float) -> None:
     _, steps = _walk(0, 0.0)
     noise = scale * NOISE * np.random.default_rng(5).standard_normal(ROWS)
-    assert np.std(lacking(noise, scale * steps)) < 0.1 * scale * NOISE
+    assert np.std(model_error(noise, scale * steps)) < 0.1 * scale * NOISE
 
 
 def test_repetitions_add_what_is_left() -> None:
@@ -40,7 +40,7 @@ def test_repetitions_add_what_is_left() -> None:
     known, left = np.zeros(ROWS), []
     for k in range(4):
         left.append(float(np.std(true - known)))
-        known = known + lacking(true - known + NOISE * np.random.default_rng(k).standard_normal(ROWS), steps)
+        known = known + model_error(true - known + NOISE * np.random.default_rng(k).standard_normal(ROWS), steps)
     assert left[1] < 0.3 * left[0]
     assert left[3] < 1.05 * left[1]
 
@@ -49,8 +49,8 @@ def test_gaps_and_too_few_readings() -> None:
     true, steps = _walk(3, 0.004)
     off = true + NOISE * np.random.default_rng(3).standard_normal(ROWS)
     off[:50] = off[1000:1100] = np.nan
-    found = lacking(off, steps)
+    found = model_error(off, steps)
     assert np.all(np.isfinite(found))
     assert np.std(found - true) < 0.8 * NOISE
-    assert not np.any(lacking(np.full(50, 0.1), steps[:50]))
-    assert not np.any(lacking(np.full(500, np.nan), steps[:500]))
+    assert not np.any(model_error(np.full(50, 0.1), steps[:50]))
+    assert not np.any(model_error(np.full(500, np.nan), steps[:500]))

@@ -10,7 +10,7 @@ import pytest
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
-from compensator.control.reference_shaping import CAUTION, CLOSES_S, FilmNow, held_temperature, left_for_later
+from compensator.control.reference_shaping import CAUTION, CLOSES_S, FilmNow, held_temperature, stop_short_by
 from compensator.hysteresis.play import output_of
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
@@ -40,16 +40,16 @@ def test_a_film_that_asks_for_no_move_goes_back_to_its_reference_but_not_further
 
 
 def test_a_target_that_goes_on_is_followed_as_it_is() -> None:
-    assert left_for_later(np.array([-3.0, -3.0, -2.99]), 1e-6, film_at(60.0), -1.0, PERIOD_S) == 0.0
+    assert stop_short_by(np.array([-3.0, -3.0, -2.99]), 1e-6, film_at(60.0), -1.0, PERIOD_S) == 0.0
 
 
 def test_a_film_stops_short_of_a_target_that_stays_and_goes_on_slowly_but_turns_round_at_once() -> None:
     film, doubt = film_at(60.0), 1e-6
     here, rest = output_of(film.model, film.degC, film.plays), math.exp(-PERIOD_S / CLOSES_S)
-    assert left_for_later(np.full(3, here - 0.5), doubt, film, -1.0, PERIOD_S) == pytest.approx(-CAUTION * 1e-3)
-    assert left_for_later(np.full(3, here + 0.5), doubt, film, 1.0, PERIOD_S) == pytest.approx(CAUTION * 1e-3)
-    assert left_for_later(np.full(3, here - 1e-4), doubt, film, -1.0, PERIOD_S) == pytest.approx(-rest * 1e-4)
-    assert left_for_later(np.full(3, here + 0.5), doubt, film, -1.0, PERIOD_S) == 0.0
+    assert stop_short_by(np.full(3, here - 0.5), doubt, film, -1.0, PERIOD_S) == pytest.approx(-CAUTION * 1e-3)
+    assert stop_short_by(np.full(3, here + 0.5), doubt, film, 1.0, PERIOD_S) == pytest.approx(CAUTION * 1e-3)
+    assert stop_short_by(np.full(3, here - 1e-4), doubt, film, -1.0, PERIOD_S) == pytest.approx(-rest * 1e-4)
+    assert stop_short_by(np.full(3, here + 0.5), doubt, film, -1.0, PERIOD_S) == 0.0
 
 
 def test_steps_with_noise_and_a_heat_that_nobody_told_hardly_overshoot() -> None:

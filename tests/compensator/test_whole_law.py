@@ -9,24 +9,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compensator.control.design import design_temperature
-from compensator.control.disturbance import DOUBT, one_error
+from compensator.control.design import OwnPid, design_own_pid, design_temperature
+from compensator.control.estimator import UNSTEADY_K_PER_S2, VARIANCE, constant_error
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs, LawState
-from compensator.control.limit_cycle import at_ohmmeter, backlash, dead_band, limit_cycles, steps
-from compensator.control.linear_plant import Timing, plate_plant, regulated_plant
-from compensator.control.operating_points import Point, believed, operating_points
-from compensator.control.own_pid import OwnPid, design_own_pid
-from compensator.control.unknown_heat import UNSTEADY_K_PER_S2
-from compensator.control.whole_law import (
+from compensator.control.linearization import Point, Timing, believed, operating_points, plate_plant, regulated_plant
+from compensator.control.margins import (
     NOISES_K,
     RATIOS,
+    at_ohmmeter,
+    backlash,
     bearable_ms,
     critical_gain,
     critical_ratio,
+    dead_band,
     frequencies,
+    limit_cycles,
     loop_margins_at,
     share_within,
+    steps,
     worst_ms,
 )
 from compensator.hysteresis.functions import Array
@@ -67,7 +68,7 @@ def course(law: Law, ratio: float, gain: float, ticks: int, push_K: float) -> Ar
         wanted = first + DEC_PER_S * (k * h + t.acts_after_s + ahead)
         inputs = Inputs(degC, output, first + DEC_PER_S * k * h, wanted, t.output_age_s, t.acts_after_s)
         held = state.estimate.drift_K_per_s
-        errors = one_error(state.disturbance, float(known.errors[0, DOUBT]))
+        errors = constant_error(state.disturbance, float(known.errors[0, VARIANCE]))
         estimate = known.estimate._replace(drift_K_per_s=held)
         state = state._replace(estimate=estimate, errors=errors, heats=known.heats)
         command, state = law.step(state, inputs)

@@ -292,12 +292,6 @@ def test_alarm_in_the_status(armed: TeTechnologyController, tec: TeTechnology) -
         armed.arm_setpoint()
 
 
-def test_power(armed: TeTechnologyController, tec: TeTechnology, clock: VirtualClock) -> None:
-    armed.set_setpoint_degC(90.0)
-    wait(clock, tec, 1.0)
-    assert armed.read_power_percent().value == pytest.approx(100.0)
-
-
 def test_off_is_confirmed(
     armed: TeTechnologyController, tec: TeTechnology, plant: StillPlant, clock: VirtualClock
 ) -> None:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from compensator.control.design import design_temperature
-from compensator.control.horizon import crossing_s, preview
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import LawName
+from compensator.control.reference_shaping import crossing_s, preview
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel

@@ -16,8 +16,7 @@ from rig.command.progress import Progress
 from rig.config.configuration import read_configuration
 from rig.config.model_file import read_model
 from rig.config.target import parse_profile
-from rig.control.decision import Decision
-from rig.control.tick import Tick
+from rig.control.decision import Decision, Tick
 from rig.core.reading import Reading
 from rig.core.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
 from rig.daemon.status_text import clock

@@ -11,9 +11,9 @@ import pytest
 from benchmarks._hidden_effects import EffectPlant, Hidden
 from benchmarks._tracked_plant import NOISE_DEC, Plate
 from compensator.control.design import design_temperature
-from compensator.control.horizon import preview
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Command, Inputs, LawState
+from compensator.control.reference_shaping import preview
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
 from rig.experiment.extended_model import chain_observer

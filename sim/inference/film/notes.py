@@ -7,9 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.film import FilmModel, reversal_jumps
 from compensator.hysteresis.functions import Array
-from compensator.hysteresis.reversal_jumps import reversal_jumps
 from sim.inference.film.gap_memory import gap_notes
 from sim.inference.film.multistart import transition
 from sim.inference.film.rows import Path, Prepared, Start

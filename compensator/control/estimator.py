@@ -1,0 +1,321 @@
+"""Estimates of the law from its readings: noise, the plate's temperature and unknown heat, the error of the film model.
+
+How large the errors of the models are is unknown beforehand. So several sizes are assumed at once, each in a Kalman
+filter of its own, weighted by the likelihood of the readings (D. T. Magill, IEEE Trans. Autom. Control AC-10 (1965)
+434); the estimate is the weighted mean. Nothing has to be set: a model that is exact is soon trusted, and the error of
+one that is not is followed.
+
+**Noise** of both readings: from their distance to the line through the two before it, white, on a smooth course.
+
+**Error of the film model**, reading less model: a random walk along the course of the output, because a film that
+stands still does not change it. Its size E, over the output's whole range Y, is that of an exact model up to ten times
+that of a film outside the model's class.
+
+    at first    variance P = E^2
+    a period    P' = P + E^2 (|moved| / Y + period / `STANDS_S`)
+    a reading   innovation nu = off - value, S = P + noise;  value' = value + P / S nu;  ln weight' = ln weight -
+                (ln S + nu^2 / S) / 2
+
+    errors      rows of E, value, P and ln weight, one for each of `ERROR_SIZES`; no row if the law has no film
+
+What a filter has learned of its size is forgotten over a course of `ERROR_MEMORY`: a film's lower half may be modelled
+better than its upper one.
+
+**Plate**: a Kalman filter of thermometer s, plate p, an unknown heating rate d, and the share e by which the drive
+heats more than its model, the thermometer behind the plate by a lag L
+
+    p' = p + h (d + u e),   s' = s + a (p - s) + (h - L a) (d + u e),   d' = d + h w,   e' = e,   a = 1 - exp(-h / L)
+
+u is the drive's heating (K/s): a module that moves less heat than its model errs by as much at each change of the
+current, and if that were taken for heat that comes and goes, the estimate would be late each time. w is white: a sink
+that warms up, a draught, a wrong plate model; its size is unknown. So is L: a thermometer glued beside the plate is
+seconds behind. Each pair of a size and a lag is a filter. What is known of a size fades, as a draught comes and goes;
+what is known of a lag does not. A filter of one size settles without a lag at the gains of the alpha-beta filter (P. R.
+Kalata, IEEE Trans. Aerosp. Electron. Syst. AES-20 (1984) 174, eqs (14), (17)).
+
+All s, p, d and e are differences from the estimate so far. A filter with more lag than the model's l is also driven by
+the plate's motion M, and by the distance B of its thermometer; the model lets the thermometer move by S
+
+    s' = ... + a B + (h - L a) M / h - S        L > l; a lag of the model's or less changes nothing
+
+    heats       rows of w, L, ln weight, (s, p, d, e) and their covariance, those of a lag together
+"""
+
+from __future__ import annotations
+
+import math
+from math import nan
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from compensator.compiled import njit
+from compensator.hysteresis.functions import Array
+
+TINY: Final = 1e-12  # of a variance: an instrument without noise
+LARGEST_SQUARE: Final = 16.0  # of an innovation over its deviation that counts: an outlier says no more than 4 of them
+
+# ---- noise ------------------------------------------------------------------------------------------
+
+NOISE_FIRST, NOISE_MANY = 20.0, 300.0  # readings that the first guess of the noise counts for, and that count at most
+
+
+class Noise(NamedTuple):
+    """Noise of one instrument.
+
+    variance: of its readings. last, before: the last two. readings: how many have counted. apart_s: time between the
+    last two; ago_s: since the last.
+    """
+
+    variance: float
+    last: float = nan
+    before: float = nan
+    readings: float = 0.0
+    apart_s: float = nan
+    ago_s: float = 0.0
+
+
+class Estimate(NamedTuple):
+    """Estimates in addition to temperature and output.
+
+    drift_K_per_s: heating that is not in the plate model. drive_error: share by which the drive heats and cools more
+    than its model. degC, output: the noise of the two readings.
+    """
+
+    drift_K_per_s: float = 0.0
+    drive_error: float = 0.0
+    degC: Noise = Noise(1e-4)
+    output: Noise = Noise(4e-6)
+
+
+@njit
+def updated_noise(noise: Noise, value: float, since_s: float) -> Noise:
+    """Return the noise with a reading since_s later; nan: none.
+
+    The variance follows from the distance to the straight line through the two readings before (at even times their
+    second difference), over some hundred readings.
+    """
+    variance, readings, ago_s = noise.variance, noise.readings, noise.ago_s + since_s
+    if math.isnan(value):
+        return Noise(variance, noise.last, noise.before, readings, noise.apart_s, ago_s)
+    if not math.isnan(noise.before):
+        ratio = ago_s / noise.apart_s
+        bend = value - noise.last - ratio * (noise.last - noise.before)
+        readings = min(readings + 1.0, NOISE_MANY)
+        own = bend * bend / (1.0 + (1.0 + ratio) ** 2 + ratio * ratio)
+        variance += (own - variance) / (readings + NOISE_FIRST)
+    return Noise(variance, value, noise.last, readings, ago_s, 0.0)
+
+
+@njit
+def log_likelihood(innovation: float, variance: float) -> float:
+    """Return the log-likelihood of an innovation with that variance."""
+    return -0.5 * (math.log(variance) + min(innovation * innovation / variance, LARGEST_SQUARE))
+
+
+# ---- error of the film model ------------------------------------------------------------------------
+
+ERROR_SIZES: Final = 1e-4 * 2.0 ** np.arange(11)  # E over Y: of an exact model, to one that is off by a tenth
+STANDS_S: Final = 1e6  # of standing still, that changes the error by E too: a fortnight
+ERROR_MEMORY: Final = 0.5  # of the range: with 2 a model whose error begins late is followed by a quarter worse
+SIZE, VALUE, VARIANCE, LOG_WEIGHT = range(4)  # columns of errors
+NO_ERRORS: Final = np.zeros((0, 4))
+NO_ERRORS.setflags(write=False)
+
+
+def initial_errors(output_range: float) -> Array:
+    """Return the filters before any reading."""
+    errors = np.zeros((ERROR_SIZES.size, 4))
+    errors[:, SIZE] = ERROR_SIZES * output_range
+    errors[:, VARIANCE] = errors[:, SIZE] ** 2
+    errors.setflags(write=False)
+    return errors
+
+
+def constant_error(disturbance: float, variance: float) -> Array:
+    """Return one filter alone, whose error does not grow."""
+    errors = np.array([[0.0, disturbance, variance, 0.0]])
+    errors.setflags(write=False)
+    return errors
+
+
+@njit
+def disturbance_of(errors: Array) -> tuple[float, float]:
+    """Return (disturbance, its variance): the weighted mean, and the variances with the spread of the means."""
+    if errors.shape[0] == 0:
+        return 0.0, 0.0
+    best, total, mean, square = -math.inf, 0.0, 0.0, 0.0
+    for row in errors:
+        best = max(best, row[LOG_WEIGHT])
+    for row in errors:
+        total += math.exp(row[LOG_WEIGHT] - best)
+    for row in errors:
+        mean += math.exp(row[LOG_WEIGHT] - best) / total * row[VALUE]
+    for row in errors:
+        square += math.exp(row[LOG_WEIGHT] - best) / total * (row[VARIANCE] + (row[VALUE] - mean) ** 2)
+    return mean, square
+
+
+@njit
+def errors_later(errors: Array, output_range: float, moved: float, period_s: float) -> Array:
+    """Return the filters a period later, in which the output was to move by `moved`."""
+    later = errors.copy()
+    share = abs(moved) / output_range
+    for row in later:
+        row[VARIANCE] += row[SIZE] ** 2 * (share + period_s / STANDS_S)
+        row[LOG_WEIGHT] *= math.exp(-share / ERROR_MEMORY)
+    return later
+
+
+@njit
+def errors_after(errors: Array, off: float, noise: float, most_share: float) -> Array:
+    """Return the filters after a reading that is `off` the film model; noise: its variance.
+
+    most_share: largest share of an innovation by which one reading may change a value.
+    """
+    after, best = errors.copy(), -math.inf
+    for row in after:
+        innovation, whole = off - row[VALUE], row[VARIANCE] + noise + TINY
+        share = min(row[VARIANCE] / whole, most_share)
+        row[VALUE] += share * innovation
+        # for any share: P. D. Joseph's form
+        row[VARIANCE] = (1.0 - share) ** 2 * row[VARIANCE] + share**2 * (noise + TINY)
+        row[LOG_WEIGHT] += log_likelihood(innovation, whole)
+        best = max(best, row[LOG_WEIGHT])
+    after[:, LOG_WEIGHT] -= best
+    return after
+
+
+@njit
+def with_disturbance(errors: Array, disturbance: float) -> Array:
+    """Return the filters with another mean and the same spread."""
+    after = errors.copy()
+    after[:, VALUE] += disturbance - disturbance_of(errors)[0]
+    return after
+
+
+# ---- plate ------------------------------------------------------------------------------------------
+
+UNSTEADY_K_PER_S2: Final = 3e-5, 3e-4, 3e-3  # w, of an exact plate, to one that is off by a fifth; six track no better
+LAGS_S: Final = 0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6  # by the root of 2: none is off by more than a fifth
+HEAT_MEMORY_S: Final = 30.0  # of the likelihood of each size
+# standard deviations before any reading: the temperature's is a reading's, the heat's what plate models lack at rest
+FIRST_K, FIRST_K_PER_S = 0.01, 0.02
+DRIVE_DOUBT: Final = 0.05  # a fifth is learned as fast, and 0.2 takes a lag for a drive at first
+LARGEST_DRIVE_ERROR: Final = 0.5  # a plate whose drive does half of its model has another fault, and is watched
+LEAST_WEIGHT: Final = 1e-300  # so that a lag that is out of the question has a logarithm
+UNSTEADY, LAG, WEIGHT, STATE, COVARIANCE = 0, 1, 2, 3, 7  # first columns of heats; the state s, p, d, e has 4
+
+
+class Predicted(NamedTuple):
+    """Temperatures (degC) by the plate model, with drift and drive as estimated, now and a period before.
+
+    driven_K_per_s: mean heating by the model's drive in between (`compensator.thermal.plate.drive_rate`).
+    """
+
+    shown_degC: float
+    plate_degC: float
+    shown_before_degC: float
+    plate_before_degC: float
+    driven_K_per_s: float = 0.0
+
+
+def initial_heats(
+    sizes_K_per_s2: tuple[float, ...] = UNSTEADY_K_PER_S2,
+    lags_s: tuple[float, ...] = LAGS_S,
+    drive_doubt: float = DRIVE_DOUBT,
+) -> Array:
+    """Return the filters before any reading. drive_doubt: standard deviation of the drive's share."""
+    covariance = np.diag([FIRST_K, FIRST_K, FIRST_K_PER_S, drive_doubt]) ** 2
+    covariance[0, 1] = covariance[1, 0] = FIRST_K**2
+    rows = [[size, lag, 0.0, *np.zeros(4), *covariance.ravel()] for lag in lags_s for size in sizes_K_per_s2]
+    heats = np.array(rows)
+    heats.setflags(write=False)
+    return heats
+
+
+@njit
+def _heat_later(heat: Array, known_lag_s: float, h: float, by: Predicted) -> None:
+    """Take a filter to a period h later, before a reading; known_lag_s: of the model."""
+    lag, u, q = max(heat[LAG], known_lag_s), by.driven_K_per_s, heat[UNSTEADY] ** 2
+    a = 1.0 - math.exp(-h / lag) if lag > 0.0 else 1.0
+    b = h - lag * a
+    s, p, f = heat[STATE], heat[STATE + 1], heat[STATE + 2] + u * heat[STATE + 3]
+    heat[STATE], heat[STATE + 1] = s + a * (p - s) + b * f, p + h * f
+    if lag > known_lag_s:
+        behind, moved = by.plate_before_degC - by.shown_before_degC, by.plate_degC - by.plate_before_degC
+        heat[STATE] += a * behind + b * moved / h - (by.shown_degC - by.shown_before_degC)
+    covariance = heat[COVARIANCE:].reshape(4, 4)
+    for j in range(4):  # F P, whose rows d and e are those of P
+        s, p, f = covariance[0, j], covariance[1, j], covariance[2, j] + u * covariance[3, j]
+        covariance[0, j], covariance[1, j] = s + a * (p - s) + b * f, p + h * f
+    for i in range(4):  # (F P) F^T
+        s, p, f = covariance[i, 0], covariance[i, 1], covariance[i, 2] + u * covariance[i, 3]
+        covariance[i, 0], covariance[i, 1] = s + a * (p - s) + b * f, p + h * f
+    by_heat = 0.5 * h * h - lag * b, 0.5 * h * h, h  # of s, p and d, by a heat that grows evenly by one
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] += q * by_heat[i] * by_heat[j]
+
+
+@njit
+def _heat_after(heat: Array, off_K: float, noise: float) -> None:
+    """Correct a filter by a reading that is off the prediction; noise: its variance."""
+    covariance = heat[COVARIANCE:].reshape(4, 4)
+    whole, innovation = covariance[0, 0] + noise + TINY, off_K - heat[STATE]
+    first = covariance[0, 0], covariance[0, 1], covariance[0, 2], covariance[0, 3]
+    for i in range(4):
+        gain = first[i] / whole
+        heat[STATE + i] += gain * innovation
+        for j in range(4):
+            covariance[i, j] -= gain * first[j]
+    heat[WEIGHT] += log_likelihood(innovation, whole)
+
+
+@njit
+def _shares(heats: Array, period_s: float) -> Array:
+    """Return each filter's share, shape (lags * sizes,), and fade the weights of a lag's sizes, not of the lag."""
+    shares = np.exp(heats[:, WEIGHT] - np.max(heats[:, WEIGHT]))
+    shares /= np.sum(shares)
+    kept, first, count = math.exp(-period_s / HEAT_MEMORY_S), 0, heats.shape[0]
+    while first < count:
+        last = first
+        while last < count and heats[last, LAG] == heats[first, LAG]:
+            last += 1
+        weights = heats[first:last, WEIGHT]
+        weights[:] = kept * (weights - np.max(weights))
+        weights += math.log((np.sum(shares[first:last]) + LEAST_WEIGHT) / np.sum(np.exp(weights)))
+        first = last
+    return shares
+
+
+@njit
+def corrected_temperature(
+    estimate: Estimate,
+    heats: Array,
+    predicted: Predicted,
+    reading_degC: float,
+    period_s: float,
+    acts_after_s: float,
+    lag_s: float,
+) -> tuple[float, float, Estimate, Array]:
+    """Return thermometer and plate (degC), estimate and filters after a reading.
+
+    The reading was taken acts_after_s before the moment of the prediction. lag_s: of the thermometer in the model.
+    """
+    noise, after = updated_noise(estimate.degC, reading_degC, period_s), heats.copy()
+    for k in range(after.shape[0]):
+        before_K = after[k, STATE]
+        _heat_later(after[k], lag_s, period_s, predicted)
+        moved_K = predicted.shown_degC - predicted.shown_before_degC + after[k, STATE] - before_K
+        since_K = moved_K * acts_after_s / period_s
+        _heat_after(after[k], reading_degC + since_K - predicted.shown_degC, noise.variance)
+    shares, mean = _shares(after, period_s), np.zeros(4)
+    for k in range(shares.size):
+        for i in range(4):
+            mean[i] += shares[k] * after[k, STATE + i]
+    drive_error = min(max(estimate.drive_error + mean[3], -LARGEST_DRIVE_ERROR), LARGEST_DRIVE_ERROR)
+    mean[3] = drive_error - estimate.drive_error
+    after[:, STATE:COVARIANCE] -= mean
+    known = Estimate(estimate.drift_K_per_s + mean[2], drive_error, noise, estimate.output)
+    return predicted.shown_degC + mean[0], predicted.plate_degC + mean[1], known, after
