@@ -3,7 +3,7 @@
     ./peltier benchmark disobedient [--driver meerstetter] [--fault deaf] [--way stopped] [--json FILE]
 
 Each case is a real `peltier run` under its guard on pseudo-terminals, by a real clock; when its output has been on for
-40 s the controller begins not to obey (`tests/instruments/disobedient.py`), and the run is stopped (SIGTERM), or the
+40 s the controller begins not to obey (`tests/rig/drivers/disobedient.py`), and the run is stopped (SIGTERM), or the
 process that holds the port is killed (SIGKILL). Its dead man, where it has one, works: every frame that it hears feeds
 it.
 
@@ -32,7 +32,7 @@ from benchmarks._killed_run import KilledRuns  # noqa: E402
 from rig.config.configuration import read_configuration  # noqa: E402
 from rig.guard.takeover import end_trying  # noqa: E402
 from rig.ports.open import holder  # noqa: E402
-from tests.instruments.disobedient import FAULTS, Disobedient  # noqa: E402
+from tests.rig.drivers.disobedient import FAULTS, Disobedient  # noqa: E402
 
 DRIVERS = ("meerstetter", "te_technology")
 WAYS = {"stopped": signal.SIGTERM, "killed": signal.SIGKILL}

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from playwright.sync_api import Page, sync_playwright
 
-from tests.page.fake_bench import FakeBench, served
+from tests.rig.web.fake_bench import FakeBench, served
 
 ASKED_MS = 200.0
 WATCH = """() => {
