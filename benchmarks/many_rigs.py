@@ -66,7 +66,7 @@ def epics(stops: int, readings: int) -> dict[str, list[float]]:
         context.put(f"{PREFIX}:STOP", 1, timeout=LONGEST_S, wait=True)  # a first one, so that all is connected
         begin(folder, watched)
         return {
-            "reading, from the thermometer": readings_of(context, watched, readings),
+            **readings_of(context, folder, watched, readings),
             "STOP, until the controller has it": [stopped(context, folder, watched) for _ in range(stops)],
         }
 
@@ -80,28 +80,45 @@ def begin(folder: Path, watched: Watched) -> None:
     until(lambda: watched.on)
 
 
-def readings_of(context: Any, watched: Watched, count: int) -> list[float]:
-    """How long readings took from the emulated thermometer to the client."""
-    asked_s: list[float] = []
-    arrived_s: dict[float, float] = {}
+def readings_of(context: Any, folder: Path, watched: Watched, count: int) -> dict[str, list[float]]:
+    """How long readings took to the client, from the emulated thermometer and from the daemon's socket."""
+    looked_s: list[float] = []
+    at_client: dict[int, float] = {}
+    at_socket: dict[int, float] = {}
     enough = threading.Event()
     read = watched.instrument._measured[TEMPERATURE]
 
     def looked() -> float:
-        asked_s.append(time.time())
+        looked_s.append(time.time())
         return float(read())
 
+    def listen() -> None:
+        with contextlib.closing(Client(folder / "bench.sock")) as client:
+            for told in client.events(LONGEST_S):
+                if told["event"] == "row":
+                    at_socket[round(told["data"]["time_s"] * 1e4)] = time.time()
+                if enough.is_set():
+                    return
+
     def take(value: Any) -> None:
-        arrived_s.setdefault(value.timestamp, time.time())
-        if len(arrived_s) > count:
+        at_client.setdefault(round(value.timestamp * 1e4), time.time())
+        if len(at_client) > count:
             enough.set()
 
     watched.instrument._measured[TEMPERATURE] = looked
+    thread = threading.Thread(target=listen)
+    thread.start()
     with contextlib.closing(context.monitor(f"{PREFIX}:TEMPERATURE", take)):
         enough.wait(LONGEST_S)
-    taken = sorted(arrived_s)[1:]  # without what was there before
+    enough.set()
+    thread.join()
+    both = sorted(set(at_client) & set(at_socket) - {min(at_client)})  # without what was there before
     # the last look before a reading's own time stamp is the one that it came from
-    return [arrived_s[t] - max((s for s in asked_s if s <= t), default=0.0) for t in taken]
+    taken_s = [max((s for s in looked_s if s <= k / 1e4), default=0.0) for k in both]
+    return {
+        "reading, from the thermometer": [at_client[k] - s for k, s in zip(both, taken_s, strict=True)],
+        "of that, from the daemon's socket": [at_client[k] - at_socket[k] for k in both],
+    }
 
 
 def stopped(context: Any, folder: Path, watched: Watched) -> float:
@@ -184,10 +201,10 @@ def main() -> int:
     if "epics" in asked.only:
         found["epics"] = epics(asked.stops, asked.readings)
         print(f"{'EPICS, ms':<40}{'count':>7}{'median':>9}{'95 %':>9}{'most':>9}   load {os.getloadavg()[0]:.1f}")
-        for (name, values), most in zip(found["epics"].items(), (50, 100), strict=True):
+        for (name, values), most in zip(found["epics"].items(), ("asked 50", "", "asked 100"), strict=True):
             told = sorted(1e3 * value for value in values)
             figures = (statistics.median(told), told[int(0.95 * (len(told) - 1))], told[-1])
-            print(f"{name:<40}{len(told):>7}" + "".join(f"{value:>9.1f}" for value in figures) + f"   asked {most}")
+            print(f"{name:<40}{len(told):>7}" + "".join(f"{value:>9.1f}" for value in figures) + f"   {most}")
     if "rigs" in asked.only:
         found["rigs"] = rigs(asked.rigs, asked.seconds)
         print(f"\n{asked.rigs} rigs, half of them with a job, {asked.seconds:g} s (asked: no ticks missed)")
