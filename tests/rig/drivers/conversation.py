@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rig.core.clock import VirtualClock
+from rig.drivers import registry
+from sim.instruments.instrument import Instrument
 
 
 class Conversation:
@@ -36,3 +41,17 @@ class Conversation:
         assert not self._transcript
         assert self._received == b""
         assert not self._replies
+
+
+def scripted(
+    name: str,
+    attach: Callable[[Instrument], str],
+    clock: VirtualClock,
+    transcript: Sequence[tuple[bytes, bytes]],
+    first_token: int = 7,
+    **options: Any,
+) -> tuple[Any, Conversation]:
+    """A driver by its name whose instrument is such a conversation, and the conversation."""
+    conversation = Conversation(transcript)
+    open_one = registry.open_controller if name in registry.CONTROLLERS else registry.open_meter
+    return open_one(name, attach(conversation), clock, first_token=first_token, **options), conversation

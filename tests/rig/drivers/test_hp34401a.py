@@ -9,13 +9,12 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
-from rig.core.reading import Quality
-from rig.drivers.hp34401a import TEST_CURRENTS_A, Hp34401AMeter
+from rig.drivers.hp34401a import Hp34401AMeter
 from rig.drivers.registry import open_meter
 from rig.ports.open import LineSettings
 from sim.instruments.hp34401a import Hp34401A
 from sim.instruments.instrument import Instrument
-from tests.rig.drivers.conversation import Conversation
+from tests.rig.drivers.conversation import scripted
 from tests.rig.drivers.far_ends import Host
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -171,17 +170,8 @@ CONFIGURE = [
 READING = (b"INIT;FETC?;FETC?;*ESE?;*ESE 13\n", b"+2.34567890E+04;+2.34567890E+04;+12\r\n")
 
 
-def scripted(
-    attach: Attach, clock: VirtualClock, transcript: list[tuple[bytes, bytes]]
-) -> tuple[Hp34401AMeter, Conversation]:
-    conversation = Conversation(transcript)
-    meter = open_meter("hp34401a", attach(conversation), clock, first_token=7)
-    assert isinstance(meter, Hp34401AMeter)
-    return meter, conversation
-
-
 def test_conversation_of_a_reading(attach: Attach, clock: VirtualClock) -> None:
-    meter, conversation = scripted(attach, clock, [*CONFIGURE, READING])
+    meter, conversation = scripted("hp34401a", attach, clock, [*CONFIGURE, READING])
     meter.configure(True, 1.0, 1e-3)
     assert meter.read().value == 23456.789
     assert meter.test_current_A == 1e-5
@@ -207,7 +197,7 @@ def test_the_emulator_holds_the_same_conversation(plant: StillPlant) -> None:
     ],
 )
 def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, error: type[InstrumentError]) -> None:
-    meter, conversation = scripted(attach, clock, [*CONFIGURE, (READING[0], reply)])
+    meter, conversation = scripted("hp34401a", attach, clock, [*CONFIGURE, (READING[0], reply)])
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(error):
         meter.read()
@@ -247,34 +237,6 @@ def test_configuration(meter: Hp34401AMeter, dmm: Hp34401A, four_wire: bool, fun
     assert dmm.remote
 
 
-@pytest.mark.parametrize("max_current_A", [1e-3, 1e-4, 1e-5, 5e-6, 5e-7])
-def test_test_current_never_exceeds_what_is_allowed(
-    meter: Hp34401AMeter, plant: StillPlant, max_current_A: float
-) -> None:
-    seen: list[float] = []
-    plant.set_test_current_A = seen.append  # type: ignore[method-assign]
-    meter.configure(True, 0.2, max_current_A)
-    del seen[: seen.index(meter.test_current_A) + 1]
-    for exponent in range(0, 90, 5):
-        plant.resistance_ohm = 10.0 ** (8.0 - exponent / 10.0)
-        meter.read()
-    assert all(current_A <= max_current_A for current_A in seen)
-    assert meter.test_current_A in TEST_CURRENTS_A.values()
-
-
-def test_ranges_follow_the_film(meter: Hp34401AMeter, plant: StillPlant) -> None:
-    meter.configure(True, 1.0, 1e-3)
-    plant.resistance_ohm = 1e6
-    meter.read()
-    for exponent in [*range(60, 15, -1), *range(15, 60)]:
-        plant.resistance_ohm = 10.0 ** (exponent / 10.0)
-        assert meter.read().value == pytest.approx(plant.resistance_ohm, rel=1e-8)
-        meter.read()
-        assert plant.test_current_A == meter.test_current_A
-    plant.resistance_ohm = math.inf
-    assert meter.read().quality is Quality.OVERRANGE
-
-
 def test_messages_are_short_and_alone(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
     class Listener(Hp34401A):
         def receive(self, data: bytes, time_s: float) -> None:
@@ -291,19 +253,6 @@ def test_messages_are_short_and_alone(attach: Attach, clock: VirtualClock, plant
         for _ in range(3):
             meter.read()
     assert not dmm.errors
-
-
-def test_a_meter_that_was_switched_off_gets_its_settings_again(
-    meter: Hp34401AMeter, dmm: Hp34401A, clock: VirtualClock
-) -> None:
-    meter.configure(True, 0.2, 1e-3)
-    assert meter.read().is_number
-    dmm.reset()
-    dmm.remote = False
-    with pytest.raises(InstrumentError):
-        meter.read()
-    assert meter.read().value == pytest.approx(1e4)
-    assert (dmm.function, dmm.settings["FRES:NPLC"], dmm.remote) == ("FRES", 0.2, True)
 
 
 def test_off_stops_the_test_current(meter: Hp34401AMeter, dmm: Hp34401A, plant: StillPlant) -> None:

@@ -15,7 +15,7 @@ from rig.drivers.meter import on_since_s, resistance_reading
 from rig.drivers.registry import open_meter
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2000 import Keithley2000
-from tests.rig.drivers.conversation import Conversation
+from tests.rig.drivers.conversation import scripted
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
@@ -36,17 +36,8 @@ CONFIGURE = [
 READING = [(b":READ?;:FETC?;*ESE?;*ESE 13\r", b"+2.34567890E+04;+2.34567890E+04;12\n")]
 
 
-def scripted(
-    attach: Attach, clock: VirtualClock, transcript: list[tuple[bytes, bytes]]
-) -> tuple[Keithley2000Meter, Conversation]:
-    conversation = Conversation(transcript)
-    meter = open_meter("keithley2000", attach(conversation), clock, first_token=7)
-    assert isinstance(meter, Keithley2000Meter)
-    return meter, conversation
-
-
 def test_conversation_of_a_reading(attach: Attach, clock: VirtualClock) -> None:
-    meter, conversation = scripted(attach, clock, CONFIGURE + READING)
+    meter, conversation = scripted("keithley2000", attach, clock, CONFIGURE + READING)
     meter.configure(True, 1.0, 1e-3)
     reading = meter.read()
     assert (reading.value, reading.quality) == (23456.789, Quality.OK)
@@ -67,7 +58,7 @@ def test_the_emulator_holds_the_same_conversation(plant: StillPlant) -> None:
 def test_conversation_of_an_identification(attach: Attach, clock: VirtualClock) -> None:
     again = [(b"\x18\r*ESE 10;*ESE?\r", b"10\n"), (b":SYST:ERR?;*ESE?;*ESE 11\r", b'0,"No error";10\n')]
     name = (b"*IDN?\r", b"KEITHLEY INSTRUMENTS INC.,MODEL 2000,0812345,A20  /A02\r\n")
-    meter, conversation = scripted(attach, clock, [*IN_STEP, name, *again])
+    meter, conversation = scripted("keithley2000", attach, clock, [*IN_STEP, name, *again])
     identity = meter.identify()
     assert (identity.model, identity.serial_number, identity.firmware) == ("2000", "0812345", "A20  /A02")
     conversation.assert_over()
@@ -75,7 +66,7 @@ def test_conversation_of_an_identification(attach: Attach, clock: VirtualClock) 
 
 def test_conversation_of_a_refusal(attach: Attach, clock: VirtualClock) -> None:
     refused = [(CONFIGURE[2][0], b'-113,"Undefined header";9\n')]
-    meter, conversation = scripted(attach, clock, CONFIGURE[:2] + refused)
+    meter, conversation = scripted("keithley2000", attach, clock, CONFIGURE[:2] + refused)
     with pytest.raises(Refused, match="Undefined header") as error:
         meter.configure(True, 1.0, 1e-3)
     assert error.value.code == -113
@@ -91,7 +82,7 @@ def test_silence_is_explained_by_the_error_queue(attach: Attach, clock: VirtualC
         (b":SYST:ERR?;*ESE?;*ESE 12\r", b'-113,"Undefined header";11\n'),
         (b":SYST:ERR?;*ESE?;*ESE 13\r", b"0,No error;12\n"),
     ]
-    meter, conversation = scripted(attach, clock, IN_STEP + explained)
+    meter, conversation = scripted("keithley2000", attach, clock, IN_STEP + explained)
     with pytest.raises(Refused, match="Undefined header: :NONSENSE"):
         meter.link.ask(":NONSENSE?")
     conversation.assert_over()
@@ -115,7 +106,7 @@ def test_silence_is_explained_by_the_error_queue(attach: Attach, clock: VirtualC
     ],
 )
 def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, error: type[InstrumentError]) -> None:
-    meter, conversation = scripted(attach, clock, [*CONFIGURE, (READING[0][0], reply)])
+    meter, conversation = scripted("keithley2000", attach, clock, [*CONFIGURE, (READING[0][0], reply)])
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(error):
         meter.read()
@@ -131,7 +122,7 @@ def test_after_silence_the_line_is_brought_in_step_first(attach: Attach, clock: 
         (CONFIGURE[4][0].replace(b"12", b"16"), CONFIGURE[4][1].replace(b";11\n", b";15\n")),
         (b":READ?;:FETC?;*ESE?;*ESE 17\r", b"+5.00000000E+04;+5.00000000E+04;16\n"),
     ]
-    meter, conversation = scripted(attach, clock, CONFIGURE + after)
+    meter, conversation = scripted("keithley2000", attach, clock, CONFIGURE + after)
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(TimedOut):
         meter.read()
@@ -158,60 +149,12 @@ def test_identity(meter: Keithley2000Meter) -> None:
     assert str(meter.identify()) == "Keithley 2000, serial number 1234567, firmware A20  /A02"
 
 
-def test_another_instrument_is_refused(meter: Keithley2000Meter, dmm: Keithley2000) -> None:
-    dmm.identity = "HEWLETT-PACKARD,34401A,0,1"
-    with pytest.raises(Refused, match="34401A"):
-        meter.identify()
-
-
 @pytest.mark.parametrize(("four_wire", "function"), [(True, "FRES"), (False, "RES")])
 def test_configuration(meter: Keithley2000Meter, dmm: Keithley2000, four_wire: bool, function: str) -> None:
     meter.configure(four_wire, 5.0, 1e-3)
     assert dmm.function == function
     assert dmm.settings[f"{function}:NPLC"] == 5.0
     assert dmm.settings[f"{function}:RANG:AUTO"] == 0
-
-
-@pytest.mark.parametrize("nplc", [0.001, 11.0, math.nan])
-def test_bad_integration_time(meter: Keithley2000Meter, nplc: float) -> None:
-    with pytest.raises(ValueError, match="power line cycles"):
-        meter.configure(True, nplc, 1e-3)
-
-
-def test_bad_test_current(meter: Keithley2000Meter) -> None:
-    for current_A in (1e-9, math.nan):
-        with pytest.raises(ValueError, match="test current"):
-            meter.configure(True, 1.0, current_A)
-
-
-@pytest.mark.parametrize("max_current_A", [1e-3, 1e-4, 1e-5, 0.7e-6])
-def test_test_current_never_exceeds_what_is_allowed(
-    meter: Keithley2000Meter, plant: StillPlant, max_current_A: float
-) -> None:
-    seen: list[float] = []
-    plant.set_test_current_A = seen.append  # type: ignore[method-assign]
-    meter.configure(True, 0.1, max_current_A)
-    del seen[: seen.index(meter.test_current_A) + 1]  # *CONF* comes up in the instrument's own range
-    for exponent in range(0, 90, 5):
-        plant.resistance_ohm = 10.0 ** (8.0 - exponent / 10.0)
-        meter.read()
-    assert all(current_A <= max_current_A for current_A in seen)
-    assert meter.test_current_A <= max_current_A
-
-
-def test_ranges_follow_the_film_over_its_transition(meter: Keithley2000Meter, plant: StillPlant) -> None:
-    meter.configure(True, 1.0, 1e-3)
-    plant.resistance_ohm = 1e6
-    meter.read()
-    for exponent in [*range(60, 15, -1), *range(15, 60)]:
-        plant.resistance_ohm = 10.0 ** (exponent / 10.0)
-        reading = meter.read()
-        assert reading.is_number
-        assert reading.value == pytest.approx(plant.resistance_ohm, rel=1e-8)
-        again = meter.read()
-        assert again.is_number
-        assert meter.full_scale * 0.07 < plant.resistance_ohm < meter.full_scale or meter.full_scale == 100.0
-        assert plant.test_current_A == meter.test_current_A
 
 
 def test_first_reading_after_a_change_of_range_is_settling(meter: Keithley2000Meter, plant: StillPlant) -> None:
@@ -303,18 +246,6 @@ def test_readings_cannot_be_mixed_up(meter: Keithley2000Meter) -> None:
     assert meter.read().is_number
 
 
-def test_a_meter_that_was_switched_off_gets_its_settings_again(
-    meter: Keithley2000Meter, dmm: Keithley2000, clock: VirtualClock
-) -> None:
-    meter.configure(True, 2.0, 1e-3)
-    assert meter.read().is_number
-    dmm.reset()  # back in DC volts, where a reading would be a number too
-    with pytest.raises(OutOfStep):
-        meter.read()
-    assert meter.read().value == pytest.approx(1e4)
-    assert (dmm.function, dmm.settings["FRES:NPLC"]) == ("FRES", 2.0)
-
-
 @pytest.mark.parametrize(
     ("least_ohm", "largest_ohm", "most_A", "expected_A"),
     [
@@ -330,7 +261,7 @@ def test_a_meter_that_was_switched_off_gets_its_settings_again(
 def test_one_test_current_for_a_span_of_resistances(
     attach: Attach, clock: VirtualClock, least_ohm: float, largest_ohm: float, most_A: float, expected_A: float
 ) -> None:
-    meter, _ = scripted(attach, clock, [])
+    meter, _ = scripted("keithley2000", attach, clock, [])
     assert meter.steady_test_current_A(least_ohm, largest_ohm, most_A) == pytest.approx(expected_A, nan_ok=True)
 
 

@@ -9,13 +9,12 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
-from rig.core.reading import Quality
 from rig.drivers.keithley2400 import TEST_CURRENTS_A, Keithley2400Meter
 from rig.drivers.registry import open_meter
 from rig.ports import protocol_sim
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2400 import Keithley2400
-from tests.rig.drivers.conversation import Conversation
+from tests.rig.drivers.conversation import scripted
 from tests.rig.drivers.far_ends import Host
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -166,17 +165,10 @@ READING = (
 CLOSING = (b":OUTP OFF;:OUTP?;*ESE?;*ESE 17\r", b"0;16\n")
 
 
-def scripted(
-    attach: Attach, clock: VirtualClock, transcript: list[tuple[bytes, bytes]]
-) -> tuple[Keithley2400Meter, Conversation]:
-    conversation = Conversation(transcript)
-    meter = open_meter("keithley2400", attach(conversation), clock, first_token=7)
-    assert isinstance(meter, Keithley2400Meter)
-    return meter, conversation
-
-
 def test_conversation_of_a_reading(attach: Attach, clock: VirtualClock) -> None:
-    meter, conversation = scripted(attach, clock, [*CONFIGURE, OUTPUT_ON, READING, CLOSING])
+    meter, conversation = scripted(
+        "keithley2400", attach, clock, [*CONFIGURE, OUTPUT_ON, READING, CLOSING], first_token=7
+    )
     meter.configure(True, 1.0, 1e-3)
     assert meter.read().value == 23456.79
     meter.close()
@@ -202,7 +194,9 @@ def test_the_emulator_holds_the_same_conversation(plant: StillPlant) -> None:
     ],
 )
 def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, error: type[InstrumentError]) -> None:
-    meter, conversation = scripted(attach, clock, [*CONFIGURE, OUTPUT_ON, (READING[0], reply)])
+    meter, conversation = scripted(
+        "keithley2400", attach, clock, [*CONFIGURE, OUTPUT_ON, (READING[0], reply)], first_token=7
+    )
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(error):
         meter.read()
@@ -237,38 +231,6 @@ def test_configuration(meter: Keithley2400Meter, smu: Keithley2400, plant: Still
         meter.configure(four_wire, 20.0, 1e-3)
     with pytest.raises(ValueError, match="test current"):
         meter.configure(four_wire, 1.0, 1e-8)
-
-
-@pytest.mark.parametrize("max_current_A", [0.1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-7])
-@pytest.mark.parametrize("stays_on", [True, False])
-def test_test_current_never_exceeds_what_is_allowed(
-    attach: Attach, clock: VirtualClock, plant: StillPlant, max_current_A: float, stays_on: bool
-) -> None:
-    seen: list[float] = []
-    plant.set_test_current_A = seen.append  # type: ignore[method-assign]
-    address = attach(Keithley2400(plant))
-    meter = open_meter("keithley2400", address, clock, output_between_readings=stays_on)
-    meter.configure(True, 0.1, max_current_A)
-    for exponent in range(0, 90, 5):
-        plant.resistance_ohm = 10.0 ** (8.0 - exponent / 10.0)
-        meter.read()
-    assert 0.0 < max(seen) <= max_current_A
-    assert seen[-1] == (meter.test_current_A if stays_on else 0.0)
-
-
-def test_ranges_follow_the_film(meter: Keithley2400Meter, plant: StillPlant) -> None:
-    meter.configure(True, 1.0, 1e-2)
-    plant.resistance_ohm = 1e6
-    meter.read()
-    for exponent in [*range(60, 15, -1), *range(15, 60)]:
-        plant.resistance_ohm = 10.0 ** (exponent / 10.0)
-        assert meter.read().value == pytest.approx(plant.resistance_ohm, rel=1e-6)
-        meter.read()
-        assert plant.test_current_A == meter.test_current_A
-    plant.resistance_ohm = math.inf
-    assert meter.read().quality is Quality.OVERRANGE
-    plant.resistance_ohm = math.nan
-    assert meter.read().quality is Quality.INVALID
 
 
 def test_output_is_off_before_and_after(meter: Keithley2400Meter, smu: Keithley2400, plant: StillPlant) -> None:
@@ -310,16 +272,6 @@ def test_an_output_that_was_switched_off_by_hand_is_a_refusal(
     assert refused.value.code == 803
     assert plant.test_current_A == 0.0
     assert meter.read().value == pytest.approx(1e4)
-
-
-def test_a_meter_that_was_switched_off_gets_its_settings_again(meter: Keithley2400Meter, smu: Keithley2400) -> None:
-    meter.configure(True, 2.0, 1e-3)
-    meter.read()
-    smu.reset()
-    with pytest.raises(InstrumentError):
-        meter.read()
-    assert meter.read().value == pytest.approx(1e4)
-    assert (smu.settings["NPLC"], smu.output_is_on) == (2.0, True)
 
 
 def test_another_current_than_the_ranges_is_found_out(meter: Keithley2400Meter, smu: Keithley2400) -> None:

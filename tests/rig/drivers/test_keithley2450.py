@@ -8,15 +8,14 @@ from typing import Any
 
 import pytest
 
-from rig.core.clock import RealClock, VirtualClock
+from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
-from rig.core.reading import Quality
 from rig.drivers.keithley2450 import Keithley2450Meter
 from rig.drivers.registry import open_meter
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2450 import Keithley2450
-from tests.rig.drivers.conversation import Conversation
+from tests.rig.drivers.conversation import scripted
 from tests.rig.drivers.far_ends import Host
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -118,17 +117,10 @@ READING = (
 CLOSING = (b":OUTP OFF;:OUTP?;*ESE?;*ESE 16\n", b"0;15\n")
 
 
-def scripted(
-    attach: Attach, clock: VirtualClock, transcript: list[tuple[bytes, bytes]]
-) -> tuple[Keithley2450Meter, Conversation]:
-    conversation = Conversation(transcript)
-    meter = open_meter("keithley2450", attach(conversation), clock, first_token=7)
-    assert isinstance(meter, Keithley2450Meter)
-    return meter, conversation
-
-
 def test_conversation_of_a_reading(attach: Attach, clock: VirtualClock) -> None:
-    meter, conversation = scripted(attach, clock, [*CONFIGURE, OUTPUT_ON, READING, CLOSING])
+    meter, conversation = scripted(
+        "keithley2450", attach, clock, [*CONFIGURE, OUTPUT_ON, READING, CLOSING], first_token=7
+    )
     meter.configure(True, 1.0, 1e-3)
     assert meter.read().value == 23456.789
     meter.close()
@@ -152,7 +144,9 @@ def test_the_emulator_holds_the_same_conversation(plant: StillPlant, smu: Keithl
     ],
 )
 def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, error: type[InstrumentError]) -> None:
-    meter, conversation = scripted(attach, clock, [*CONFIGURE, OUTPUT_ON, (READING[0], reply)])
+    meter, conversation = scripted(
+        "keithley2450", attach, clock, [*CONFIGURE, OUTPUT_ON, (READING[0], reply)], first_token=7
+    )
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(error):
         meter.read()
@@ -175,22 +169,6 @@ def test_identity(meter: Keithley2450Meter, smu: Keithley2450) -> None:
     smu.identity = "KEITHLEY INSTRUMENTS INC.,MODEL 2400,1,2"
     with pytest.raises(Refused, match="2400"):
         meter.identify()
-
-
-def test_ranges_follow_the_film_within_the_test_current(meter: Keithley2450Meter, plant: StillPlant) -> None:
-    seen: list[float] = []
-    plant.set_test_current_A = seen.append  # type: ignore[method-assign]
-    meter.configure(True, 0.1, 1e-3)
-    plant.resistance_ohm = 1e6
-    meter.read()
-    for exponent in [*range(60, 25, -1), *range(25, 60)]:
-        plant.resistance_ohm = 10.0 ** (exponent / 10.0)
-        assert meter.read().value == pytest.approx(plant.resistance_ohm, rel=1e-6)
-        meter.read()
-        assert seen[-1] == meter.test_current_A
-    assert max(seen) == 1e-3
-    plant.resistance_ohm = math.inf
-    assert meter.read().quality is Quality.OVERRANGE
 
 
 def test_output_is_off_before_and_after(meter: Keithley2450Meter, smu: Keithley2450, plant: StillPlant) -> None:
@@ -257,14 +235,3 @@ def test_pymeasure(plant: StillPlant) -> None:
             assert plant.test_current_A == 0.0
         finally:
             meter.adapter.close()
-
-
-def test_our_own_driver_on_a_pseudo_terminal(plant: StillPlant) -> None:
-    with PseudoTerminals({"meter": Keithley2450(plant)}) as terminals:
-        meter = open_meter("keithley2450", terminals.paths["meter"], RealClock())
-        meter.identify()
-        meter.configure(True, 0.2, 1e-3)
-        assert meter.read().value == 1e4
-        assert meter.off()
-        assert plant.test_current_A == 0.0
-        meter.close()

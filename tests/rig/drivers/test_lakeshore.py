@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rig.core.clock import RealClock, VirtualClock
+from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
 from rig.core.reading import Quality
 from rig.drivers.controller import cools, drive_unit
@@ -19,7 +19,7 @@ from rig.drivers.registry import open_controller
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.lakeshore import LakeShore
-from tests.rig.drivers.conversation import Conversation
+from tests.rig.drivers.conversation import scripted
 from tests.rig.drivers.far_ends import Host
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -141,17 +141,8 @@ OFF = (
 )
 
 
-def scripted(
-    attach: Attach, clock: VirtualClock, transcript: list[tuple[bytes, bytes]]
-) -> tuple[LakeShoreController, Conversation]:
-    conversation = Conversation(transcript)
-    controller = open_controller("lakeshore", attach(conversation), clock, first_token=4)
-    assert isinstance(controller, LakeShoreController)
-    return controller, conversation
-
-
 def test_conversation_of_a_reading(attach: Attach, clock: VirtualClock) -> None:
-    controller, conversation = scripted(attach, clock, [*IN_STEP, READING, OFF])
+    controller, conversation = scripted("lakeshore", attach, clock, [*IN_STEP, READING, OFF], first_token=4)
     assert controller.read_temperature().value == 25.0
     assert controller.off() is True
     conversation.assert_over()
@@ -174,7 +165,7 @@ def test_the_emulator_holds_the_same_conversation(instrument: LakeShore) -> None
     ],
 )
 def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, error: type[InstrumentError]) -> None:
-    controller, conversation = scripted(attach, clock, [*IN_STEP, (READING[0], reply)])
+    controller, conversation = scripted("lakeshore", attach, clock, [*IN_STEP, (READING[0], reply)], first_token=4)
     with pytest.raises(error):
         controller.read_temperature()
     conversation.assert_over()
@@ -184,7 +175,7 @@ def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, er
 def test_two_copies_that_differ_are_asked_for_again(attach: Attach, clock: VirtualClock) -> None:
     hurt = (READING[0], READING[1].replace(b"+025", b"+035", 1))
     good = (READING[0].replace(b"32", b"33"), READING[1].replace(b"021", b"032"))
-    controller, conversation = scripted(attach, clock, [*IN_STEP, hurt, good])
+    controller, conversation = scripted("lakeshore", attach, clock, [*IN_STEP, hurt, good], first_token=4)
     assert controller.read_temperature().value == 25.0
     conversation.assert_over()
 
@@ -401,17 +392,3 @@ def test_makers_client(makers_client: Any, plant: StillPlant) -> None:
         model.command("BOGUS")
     model.all_heaters_off()
     assert plant.current_A == 0.0
-
-
-def test_our_own_driver_on_a_pseudo_terminal(plant: StillPlant) -> None:
-    with PseudoTerminals({"it": LakeShore(plant)}) as terminals:
-        controller = open_controller("lakeshore", terminals.paths["it"], RealClock(), framing="8N1")
-        assert controller.off()
-        controller.identify()
-        controller.configure(1.0, (10.0, 90.0), 5.0)
-        controller.arm_current()
-        controller.set_current_A(0.5)
-        assert controller.read_temperature().value == 25.0
-        assert controller.off()
-        assert plant.current_A == 0.0
-        controller.close()

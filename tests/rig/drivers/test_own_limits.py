@@ -14,7 +14,9 @@ from rig.drivers.controller import OwnLimits
 from rig.drivers.registry import open_controller
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller
+from tests.rig.drivers.conversation import Conversation
 from tests.rig.drivers.still_plant import StillPlant
+from tests.rig.drivers.wire_cases import CONTROLLERS, Case
 
 Attach = Callable[[Instrument], str]
 NAN = math.nan
@@ -80,3 +82,31 @@ def test_no_number_is_an_error_of_the_tree(reading: Reading, error: type[Instrum
 
 def test_a_number() -> None:
     assert Reading(2.0, 0.0).number() == Reading(2.0, 0.0, Quality.SETTLING).number() == 2.0
+
+
+@pytest.mark.parametrize("case", CONTROLLERS, ids=str)
+def test_limits_that_cannot_be_send_nothing(attach: Attach, clock: VirtualClock, case: Case) -> None:
+    """A controller with half of a wrong configuration would guard the plate by the limits of somebody else."""
+    controller = open_controller(case.driver, attach(silent := Conversation([])), clock, **case.options)
+    for current_A, limits_degC in ((0.0, (10.0, 95.0)), (NAN, (10.0, 95.0)), (1.0, (95.0, 10.0)), (1.0, (NAN, 9.0))):
+        with pytest.raises(ValueError, match="expected"):
+            controller.configure(current_A, limits_degC, 0.0)
+    silent.assert_over()
+
+
+@pytest.mark.parametrize("case", CONTROLLERS, ids=str)
+def test_nothing_is_commanded_before_it_is_configured_and_armed(
+    attach: Attach, clock: VirtualClock, plant: StillPlant, case: Case
+) -> None:
+    """Else a current could flow, or a setpoint be held, without limits."""
+    emulator = emulated_controller(case.driver, plant, **case.emulator)
+    controller = open_controller(case.driver, attach(emulator), clock, **case.options)
+    current, setpoint = (lambda: controller.set_current_A(0.1)), (lambda: controller.set_setpoint_degC(30.0))
+    for act in (current, setpoint, controller.arm_current, controller.arm_setpoint):
+        with pytest.raises((Refused, ValueError)):
+            act()
+    controller.configure(0.8, (10.0, 95.0), 0.0)
+    for act in (current, setpoint):
+        with pytest.raises(Refused):
+            act()
+    assert plant.current_A == 0.0

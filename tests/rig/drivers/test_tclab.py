@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.core.clock import RealClock, VirtualClock
+from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, Refused
 from rig.core.reading import Quality
 from rig.drivers.controller import OFF_S, cools, drive_unit
@@ -18,7 +18,7 @@ from rig.ports import protocol_sim
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.tclab import DEGC_PER_STEP, TcLab
-from tests.rig.drivers.conversation import Conversation
+from tests.rig.drivers.conversation import scripted
 from tests.rig.drivers.far_ends import Host
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -112,17 +112,8 @@ DRIVE = [
 ]
 
 
-def scripted(
-    attach: Attach, clock: VirtualClock, transcript: list[tuple[bytes, bytes]], **options: Any
-) -> tuple[TcLabController, Conversation]:
-    conversation = Conversation(transcript)
-    controller = open_controller("tclab", attach(conversation), clock, first_token=7, **options)
-    assert isinstance(controller, TcLabController)
-    return controller, conversation
-
-
 def test_conversation_of_a_run(attach: Attach, clock: VirtualClock) -> None:
-    controller, conversation = scripted(attach, clock, [*IDENTIFY, *CONFIGURE, *DRIVE])
+    controller, conversation = scripted("tclab", attach, clock, [*IDENTIFY, *CONFIGURE, *DRIVE])
     assert str(controller.identify()) == "TCLab Arduino Uno, serial number , firmware 1.4.0"
     assert clock.now_s() > 2.0  # not before the board has started
     controller.configure(1.0, (10.0, 90.0), 5.0)
@@ -151,7 +142,9 @@ def test_the_emulator_holds_the_same_conversation(board: TcLab) -> None:
     ],
 )
 def test_what_is_no_reading(attach: Attach, clock: VirtualClock, reply: bytes, error: type[InstrumentError]) -> None:
-    controller, conversation = scripted(attach, clock, [IN_STEP, (b"T1\nT1\nT1\nP2 0.09\n", reply)])
+    controller, conversation = scripted(
+        "tclab", attach, clock, [IN_STEP, (b"T1\nT1\nT1\nP2 0.09\n", reply)], first_token=7
+    )
     with pytest.raises(error):
         controller.read_temperature()
     conversation.assert_over()
@@ -163,14 +156,16 @@ def test_one_wrong_reading_of_three_is_never_it(attach: Attach, clock: VirtualCl
     for replies in ((one, b"24.77", b"24.45"), (b"24.45", one, b"24.77"), (b"24.77", b"24.45", one)):
         hurt = (b"T1\nT1\nT1\nP2 0.09\n", b"\r\n".join((*replies, b"0.09\r\n")))
         good = (b"T1\nT1\nT1\nP2 0.10\n", b"24.77\r\n24.45\r\n24.77\r\n0.10\r\n")
-        controller, conversation = scripted(attach, clock, [IN_STEP, hurt, good])
+        controller, conversation = scripted("tclab", attach, clock, [IN_STEP, hurt, good])
         assert controller.read_temperature().value == 24.77
         conversation.assert_over()
 
 
 @pytest.mark.parametrize("text", [b"TCLab Firmware Version 1.1.0", b"TClab Firmware 0.03", b"Stop", b"24.77"])
 def test_who_is_no_board_of_ours(attach: Attach, clock: VirtualClock, text: bytes) -> None:
-    controller, _ = scripted(attach, clock, [IN_STEP, (b"VER\nP2 0.09\n", text + b"\r\n0.09\r\n")])
+    controller, _ = scripted(
+        "tclab", attach, clock, [IN_STEP, (b"VER\nP2 0.09\n", text + b"\r\n0.09\r\n")], first_token=7
+    )
     with pytest.raises(Refused, match=r"too old|is no TCLab"):
         controller.identify()
 
@@ -262,14 +257,6 @@ def test_a_board_that_restarted_is_not_armed_any_more(
     assert board.heaters[1] == 0.0
 
 
-def test_doubt_alone_disarms_nothing(controller: TcLabController, plant: StillPlant) -> None:
-    controller.arm_current()
-    controller.set_current_A(0.5)
-    controller.link.doubt()
-    controller.set_current_A(0.6)
-    assert plant.current_A == pytest.approx(0.6)
-
-
 def test_off_is_not_confirmed_by_a_heater_that_reads_on(controller: TcLabController, board: TcLab) -> None:
     controller.arm_current()
     controller.set_current_A(0.5)
@@ -338,17 +325,3 @@ def test_others_client(others_client: Any, plant: StillPlant) -> None:
     assert lab.LED(50) == 50.0
     assert lab.Q1(0) == 0.0
     assert plant.current_A == 0.0
-
-
-def test_our_own_driver_on_a_pseudo_terminal(plant: StillPlant) -> None:
-    with PseudoTerminals({"board": TcLab(plant)}) as terminals:
-        controller = open_controller("tclab", terminals.paths["board"], RealClock(), boot_s=0.0)
-        assert controller.off()
-        controller.identify()
-        controller.configure(1.0, (10.0, 90.0), 5.0)
-        controller.arm_current()
-        controller.set_current_A(0.5)
-        assert controller.read_temperature().value == 24.77
-        assert controller.off()
-        assert plant.current_A == 0.0
-        controller.close()

@@ -14,7 +14,6 @@ from rig.drivers.registry import open_controller
 from rig.drivers.te_technology import TeTechnologyController
 from sim.instruments.instrument import Instrument
 from sim.instruments.te_technology import TeTechnology
-from tests.rig.drivers.conversation import Conversation
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
@@ -172,19 +171,6 @@ def test_the_eeprom_is_spared(plant: StillPlant, attach: Attach, clock: VirtualC
     assert tec.eeprom_writes <= 3  # power off at first, said more than once, and what ends the writing
 
 
-@pytest.mark.parametrize(
-    ("current_A", "limits_degC"),
-    [(0.0, (10.0, 95.0)), (math.nan, (10.0, 95.0)), (1.0, (95.0, 10.0)), (1.0, (math.nan, 9.0))],
-)
-def test_bad_limits_send_nothing(
-    attach: Attach, clock: VirtualClock, current_A: float, limits_degC: tuple[float, float]
-) -> None:
-    silent = Conversation([])
-    with pytest.raises(ValueError, match="expected"):
-        open_controller("te_technology", attach(silent), clock).configure(current_A, limits_degC, 0.0)
-    silent.assert_over()
-
-
 def test_a_value_that_is_not_kept_is_refused(plant: StillPlant, attach: Attach, clock: VirtualClock) -> None:
     tec = TeTechnology(plant)
     tec._reads[b"44"] = lambda: 2
@@ -206,19 +192,6 @@ def test_own_regulation(
     for setpoint_degC in (9.9, 95.1, math.nan):
         with pytest.raises(ValueError, match="outside"):
             armed.set_setpoint_degC(setpoint_degC)
-
-
-def test_nothing_is_commanded_before_arming(controller: TeTechnologyController, plant: StillPlant) -> None:
-    with pytest.raises(ValueError, match="outside"):
-        controller.set_setpoint_degC(30.0)
-    with pytest.raises(Refused, match="configured"):
-        controller.arm_setpoint()
-    controller.configure(4.0, (10.0, 95.0), 0.0)
-    with pytest.raises(Refused, match="armed"):
-        controller.set_setpoint_degC(30.0)
-    plant.temperature_degC = 5.0
-    with pytest.raises(Refused, match="within"):
-        controller.arm_setpoint()
 
 
 def test_temperature_reading(controller: TeTechnologyController, plant: StillPlant, clock: VirtualClock) -> None:

@@ -43,7 +43,7 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "record.csv"
 
 
-def test_sixty_ways_of_writing_one_record(tmp_path: Path) -> None:
+def test_forty_ways_of_writing_one_record(tmp_path: Path) -> None:
     """Whoever gives a file to `identify` as an instrument wrote it gets its numbers, or a line to type."""
     pytest.importorskip("openpyxl")
     found = {}
@@ -51,8 +51,8 @@ def test_sixty_ways_of_writing_one_record(tmp_path: Path) -> None:
         way = write(ways.truth_of(7))
         found[way.name] = ways.judged(way, tmp_path)
     assert {name: how for name, how in found.items() if how not in ("plain", "flag")} == {}
-    assert len(found) == 60
-    assert list(found.values()).count("plain") >= 45
+    assert len(found) == 40
+    assert list(found.values()).count("plain") >= 34
 
 
 def test_the_judge_of_the_ways_sees_what_is_wrong(tmp_path: Path) -> None:
