@@ -13,8 +13,6 @@ ways and started again. Asked: tripped at every start after the trip, and trippe
 
 from __future__ import annotations
 
-import argparse
-import json
 import random
 import signal
 import sys
@@ -27,6 +25,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from benchmarks._harness import kept, options
 from benchmarks._latched_bench import DAMAGES, LatchedBench
 from benchmarks._small_disk import small_disk, with_own_mounts
 
@@ -171,25 +170,19 @@ def told(cases: list[Case], with_disks: bool) -> dict[str, Any]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--count", type=int, default=100)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=1, help="of the first case; they follow one another")
-    parser.add_argument("--json")
-    options = parser.parse_args()
+    asked = options(__doc__, count=100, seed=1)
     with_own_mounts()
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         with small_disk(folder / "trial", 1) as disk:
             with_disks = disk is not None
-        with ThreadPoolExecutor(options.workers) as pool:
-            numbers = range(options.seed, options.seed + options.count)
+        with ThreadPoolExecutor(asked.workers) as pool:
+            numbers = range(asked.seed, asked.seed + asked.count)
             cases = list(pool.map(lambda number: one_case(folder / str(number), number), numbers))
     result = told(cases, with_disks)
     print(f"{time.perf_counter() - begin:.0f} s")
-    if options.json:
-        Path(options.json).write_text(json.dumps(result) + "\n")
+    kept(asked.json, result)
     return 0
 
 
