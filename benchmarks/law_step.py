@@ -52,8 +52,8 @@ def main() -> int:
     asked = options(__doc__)
     figures = {name: median_us(name) for name in NAMES}
     for name, microseconds in figures.items():
-        asked = "    asked <= 25" if name == "full" else ""
-        print(f"{name:16s} {microseconds:6.1f} us a step{asked}")
+        limit = "    asked <= 25" if name == "full" else ""
+        print(f"{name:16s} {microseconds:6.1f} us a step{limit}")
     path = smooth_path(200_000)
     figures["model_ns"] = best_ns({"ours": ours}, path)["ours"]
     print(f"the model alone  {figures['model_ns']:6.1f} ns a sample")

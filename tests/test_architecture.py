@@ -163,19 +163,3 @@ def test_numeric_constants_have_their_reason_beside_them() -> None:
         for name, line, said in constants(path.read_text(encoding="utf-8"))
         if not said
     ]
-
-
-@pytest.mark.parametrize(
-    ("source", "said"),
-    [
-        ("A = 3\n", False),
-        ("A = 3  # tries\n", True),
-        ("# tries\nA = 3\n", True),
-        ("A: Final = (1.0, -2.0)\n", False),
-        ("A, B = 1, 2\n", False),
-        ('"""Text."""\n# of something else\n\nA = {"s": 1.0}\n', False),
-    ],
-)
-def test_a_reason_is_a_comment_beside_a_constant(source: str, said: bool) -> None:
-    (found,) = constants(source)
-    assert found[2] is said

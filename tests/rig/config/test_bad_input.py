@@ -137,44 +137,6 @@ def test_wrong_models(peltier: Peltier, tmp_path: Path, old: str, new: str, plac
     assert place in err
 
 
-@pytest.mark.parametrize(
-    ("text", "place"),
-    [
-        ("", "file is empty"),
-        ("time_s,temperature_degC\n0,20\n1,21\n", "no such column"),
-        ("time,temperature_degC,resistance_ohm\n0,20,5\n", "column 'time_s' missing"),
-        ("time_s,temperature_degC,resistance_ohm\n0,20,5\n1,x,5\n", "line 3: temperature_degC: 'x'"),
-        ("time_s,temperature_degC,resistance_ohm\n0,20,5\n1,21\n", "line 3: 2 fields, expected 3"),
-        ("time_s,temperature_degC,resistance_ohm\n0,20,5\n2,21,5\n1,22,5\n", "line 4: time_s"),
-        ("time_s,temperature_degC,resistance_ohm\n0,20,5\n1,21,-5\n", "line 3: resistance_ohm"),
-        ("time_s,temperature_degC,resistance_ohm\n0,20,5\n1,21,5\n2,22,5\n", "3 finite readings"),
-    ],
-)
-def test_broken_records(peltier: Peltier, tmp_path: Path, text: str, place: str) -> None:
-    path = tmp_path / "record.csv"
-    path.write_text(text)
-    status, _, err = peltier("identify", path)
-    assert status == 2
-    assert str(path) in err
-    assert place in err
-
-
-@pytest.mark.parametrize(
-    ("mapping", "expected"),
-    [
-        ("temperature_degC=T", "no column 'T'"),
-        ("temperature_degC=T_K@kelvin", "unit 'kelvin' is none of"),
-        ("temperature_degC", "expected OURS=THEIRS[@UNIT]"),
-    ],
-)
-def test_wrong_column_mappings(peltier: Peltier, tmp_path: Path, mapping: str, expected: str) -> None:
-    path = tmp_path / "record.csv"
-    path.write_text("time_s,T_K,resistance_ohm\n0,293,5\n1,294,5\n")
-    status, _, err = peltier("identify", path, "--column", mapping)
-    assert status == 2
-    assert expected in err
-
-
 def test_out_folder_that_is_taken(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path)
     taken = tmp_path / "run"

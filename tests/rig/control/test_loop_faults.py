@@ -127,22 +127,3 @@ def test_the_controller_dies_and_off_cannot_be_confirmed(
     assert 2.0 <= float(said[1]) < 3.0  # limits.stale_s, and the exchange that was under way
     document = json.loads((tmp_path / "run.part" / "run.json").read_text())
     assert document["stop"]["output_off_confirmed"] is False
-
-
-def test_wrong_polarity_is_found_before_anything_else(
-    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
-) -> None:
-    whole = rig.bench.assembly.emulated_instruments
-
-    def swapped(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
-        instruments = whole(file, start_s)
-        instruments[0][2]._heating_sign = -1
-        return instruments
-
-    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", swapped)
-    path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace("first_degC = 60.0", "first_degC = 30.0"))
-    status, _, err = peltier("calibrate", path, "--out", tmp_path / "run")
-    assert status == 10, err
-    assert "polarity" in err
-    assert "output off, confirmed" in err

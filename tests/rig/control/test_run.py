@@ -110,6 +110,7 @@ def test_port_that_does_not_open(peltier: Peltier, tmp_path: Path) -> None:
     assert status == 1
     assert "/dev/ttyNOPE7" in err
     assert len(err.strip().splitlines()) == 1
+    assert not (tmp_path / "run.part").exists()
 
 
 @pytest.mark.parametrize(
@@ -195,12 +196,6 @@ def test_an_unfinished_run_is_never_overwritten(peltier: Peltier, tmp_path: Path
     assert status == 2
     assert "did not finish" in err
     assert (left / "record.csv").read_text() == "time_s\n0\n"
-
-
-def test_a_run_that_never_began_leaves_no_folder(peltier: Peltier, tmp_path: Path) -> None:
-    path = write_bench(tmp_path, time="real", controller="/dev/ttyNOPE7", meter="/dev/ttyNOPE8")
-    assert peltier("run", path, "--out", tmp_path / "run")[0] == 1
-    assert not (tmp_path / "run.part").exists()
 
 
 def test_a_plate_that_is_too_weak_is_refused_before_it_heats(peltier: Peltier, tmp_path: Path) -> None:

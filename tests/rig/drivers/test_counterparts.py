@@ -7,15 +7,12 @@ import sys
 import time
 import types
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from rig.core.clock import RealClock, VirtualClock
-from rig.drivers.registry import open_controller, open_meter
 from rig.ports.pseudo_terminal import PseudoTerminals
-from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2000 import Keithley2000
 from sim.instruments.meerstetter import MeerstetterTec
 from tests.rig.drivers.still_plant import StillPlant
@@ -91,21 +88,6 @@ def test_pymeasure_keithley2000(keithley_class: Any, terminals: PseudoTerminals,
     meter.adapter.close()
 
 
-def test_pymeasure_keithley2000_in_process(
-    keithley_class: Any, attach: Callable[[Instrument], str], plant: StillPlant
-) -> None:
-    address = attach(Keithley2000(plant))
-    meter = keithley_class(
-        f"ASRL{address}::INSTR",
-        visa_library="@py",
-        read_termination="\n",
-        write_termination="\r",
-        timeout=5000,
-    )
-    exercise(meter, plant)
-    meter.adapter.close()
-
-
 def test_mecompyapi(terminals: PseudoTerminals, plant: StillPlant, monkeypatch: pytest.MonkeyPatch) -> None:
     stub = types.ModuleType("ftd2xx")  # its import dies without the vendor's library
     stub.FTD2XX = object  # type: ignore[attr-defined]
@@ -140,30 +122,3 @@ def test_mecompyapi(terminals: PseudoTerminals, plant: StillPlant, monkeypatch: 
     with pytest.raises(tec_module.ComCommandException):
         tec.mecom_basic_cmd.get_float_value(address=1, parameter_id=1234, instance=1)
     tec.tear()
-
-
-def test_our_own_drivers_on_pseudo_terminals(terminals: PseudoTerminals, plant: StillPlant) -> None:
-    clock = RealClock()
-    controller = open_controller("meerstetter", terminals.paths["controller"], clock)
-    meter = open_meter("keithley2000", terminals.paths["meter"], clock)
-    controller.identify()
-    controller.configure(2.0, (10.0, 95.0), 5.0)
-    controller.arm_current()
-    meter.identify()
-    meter.configure(True, 1.0, 1e-3)
-    for step in range(5):
-        meter.start_reading()
-        controller.set_current_A(0.1 * step)
-        assert controller.read_temperature().value == 25.0
-        assert meter.finish_reading().value == 1e4
-    assert controller.off()
-    assert plant.current_A == 0.0
-    controller.close()
-    meter.close()
-
-
-def test_virtual_clock_is_the_registered_one(attach: Callable[[Instrument], str], clock: VirtualClock) -> None:
-    controller = open_controller("meerstetter", attach(MeerstetterTec(StillPlant())), clock)
-    begin_s = clock.now_s()
-    controller.read_temperature()
-    assert clock.now_s() - begin_s == pytest.approx(21 / 5760 + 0.002 + 20 / 5760, abs=1e-6)
