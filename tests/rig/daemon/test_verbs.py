@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import http.client
 import json
 import os
 import signal
@@ -21,7 +20,7 @@ from rig.bench.assembly import emulated_instruments
 from rig.config.configuration import read_configuration
 from rig.daemon.client import Client
 from rig.ports.pseudo_terminal import PseudoTerminals
-from tests.rig.daemon.benches import HEADERS, environment, put_on, until, write_current
+from tests.rig.daemon.benches import environment, put_on, until, write_current
 
 Peltier = Callable[..., tuple[int, str, str]]
 STARTS_S = 200.0  # of patience on a busy computer
@@ -207,16 +206,6 @@ def test_stop_and_reset(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
     status, _, err = peltier("reset", "--reason", "a test")
     assert status == 1
     assert "nothing is latched" in err
-
-
-def test_stop_by_its_own_listener(here: Daemon) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", here.ask("GET", "/api/state")["stop_port"], timeout=STARTS_S)
-    connection.request("POST", "/api/stop", headers=HEADERS)
-    assert json.loads(connection.getresponse().read())["confirmed"]
-    connection.close()
-    assert here.until("stopped")["stop"]["cause"] == "stop"
-    assert here.ask("POST", "/api/reset", reason="the next test")["reset"]
-    here.until("idle")
 
 
 def test_off_by_the_daemon(here: Daemon, peltier: Peltier) -> None:
