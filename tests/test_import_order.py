@@ -102,7 +102,7 @@ def test_no_name_beside_the_work_is_imported(root: Path, tmp_path: Path, as_fold
         assert marked(marks) == []
 
 
-@pytest.mark.parametrize("name", ["rig", "serial", "sim", "compensator", "types", "msvcrt", "mpl_toolkits"])
+@pytest.mark.parametrize("name", ["rig", "serial", "types", "mpl_toolkits"])
 def test_nor_is_one_where_pythonpath_says(root: Path, tmp_path: Path, name: str) -> None:
     """An `export PYTHONPATH=~/lab` in a .bashrc reaches every program; its folder comes last."""
     write_work(tmp_path)

@@ -51,30 +51,25 @@ minor_loops = 2
 
 
 @pytest.mark.parametrize(
-    ("verb", "changes"),
+    "changes",
     [
-        ("calibrate", ()),
-        ("run", ()),
-        ("run", (('model = "model.toml"\ntarget', "target"),)),  # calibrates before
-        ("run", (("period_s = 0.1", 'period_s = 0.1\ncompare = ["pid", "feedforward"]'),)),
+        (('model = "model.toml"\ntarget', "target"),),  # calibrates before
+        (("period_s = 0.1", 'period_s = 0.1\ncompare = ["pid", "feedforward"]'),),
         (
-            "run",
-            (
-                ('kind = "track_resistance"', 'kind = "temperature_profile"'),
-                ('"start 20 kohm", "hold 5 s", "ramp to 5 kohm at 0.1 dec/s"', '"start 60 degC", "hold 5 s"'),
-            ),
+            ('kind = "track_resistance"', 'kind = "temperature_profile"'),
+            ('"start 20 kohm", "hold 5 s", "ramp to 5 kohm at 0.1 dec/s"', '"start 60 degC", "hold 5 s"'),
         ),
     ],
 )
 def test_nothing_is_compiled_after_the_first_pulse(
-    root: Path, tmp_path: Path, verb: str, changes: tuple[tuple[str, str], ...]
+    root: Path, tmp_path: Path, changes: tuple[tuple[str, str], ...]
 ) -> None:
     """With an empty cache a calibration stood still for three minutes between its pulses and its profile."""
     path = write_bench(tmp_path, more=CALIBRATION)
     for before, after in changes:
         assert before in path.read_text()
         path.write_text(path.read_text().replace(before, after, 1))
-    command = [sys.executable, "-c", WATCHED, verb, str(path), "--out", str(tmp_path / "out")]
+    command = [sys.executable, "-c", WATCHED, "run", str(path), "--out", str(tmp_path / "out")]
     environment = {**os.environ, "PYTHONPATH": str(root)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

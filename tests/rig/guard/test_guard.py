@@ -34,12 +34,14 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[KilledRuns]:
         yield runs
 
 
-@pytest.mark.parametrize(("after_s", "number"), [(0.05, signal.SIGKILL), (0.33, signal.SIGKILL), (0.2, signal.SIGSEGV)])
+@pytest.mark.parametrize(("after_s", "number"), [(0.05, signal.SIGKILL), (0.2, signal.SIGSEGV)])
 def test_the_output_is_off_whatever_kills_the_process(runs: KilledRuns, after_s: float, number: int) -> None:
     killed = runs.kill(after_s, number)
     assert killed.off_at_the_end
     assert killed.status == 128 + number
-    assert "output off, confirmed by the controller" in killed.err
+    # no pulse, no model: the confirmation rests on what the controller says, and nobody waits
+    assert "output off, confirmed by the controller (its status, and the current that it measures)" in killed.err
+    assert "temperature" not in killed.err
     assert signal.Signals(number).name in killed.err
     assert f"what was recorded is in {runs.path.parent.absolute()}" in killed.err
     assert "report.html" in killed.err
@@ -140,14 +142,6 @@ def test_the_temperature_is_asked_after_a_kill(tmp_path: Path, driver: str, lies
         assert process.returncode == 128 + signal.SIGKILL
         assert "NOT CONFIRMED" not in err
         assert "the temperature agrees" in err
-
-
-def test_a_plate_that_nobody_knows_says_nothing(runs: KilledRuns) -> None:
-    """No pulse, no model: the confirmation rests on what the controller says, and nobody waits."""
-    killed = runs.kill(0.5)
-    assert killed.status == 128 + signal.SIGKILL
-    assert "confirmed by the controller (its status, and the current that it measures)\n" in killed.err
-    assert "temperature" not in killed.err
 
 
 def test_one_writer_and_signals_across_the_guard(runs: KilledRuns) -> None:

@@ -153,25 +153,23 @@ def test_compared_laws_and_late_ticks_replay_to_the_bit(
     assert ticks["missed"] > 10
 
 
-def test_a_run_of_another_version_says_so(tmp_path: Path, peltier: Peltier) -> None:
-    assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 0
-    document = json.loads((tmp_path / "run" / "run.json").read_text())
+def test_a_run_of_another_version_says_so(finished_run: Path, peltier: Peltier) -> None:
+    document = json.loads((finished_run / "run.json").read_text())
     assert document["start"]["versions"]["sources"] == source_digest()
     document["start"]["versions"] |= {"peltier-rig": "0.0.9", "sources": "0123456789abcdef"}
-    (tmp_path / "run" / "run.json").write_text(json.dumps(document))
-    status, out, _ = peltier("replay", tmp_path / "run")
+    (finished_run / "run.json").write_text(json.dumps(document))
+    status, out, _ = peltier("replay", finished_run)
     assert status == 0
     assert f"the run was made with peltier-rig 0.0.9, this is {__version__}: bits may differ" in out
     assert f"made with sources 0123456789abcdef, this is {source_digest()}" in out
 
 
-def test_a_run_whose_record_lacks_a_column_says_so(tmp_path: Path, peltier: Peltier) -> None:
-    assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 0
-    record = tmp_path / "run" / "record.csv"
+def test_a_run_whose_record_lacks_a_column_says_so(finished_run: Path, peltier: Peltier) -> None:
+    record = finished_run / "record.csv"
     whole = record.read_text()
     for column in ("phase", "target_ohm"):
         record.write_text(whole.replace(column, "lost", 1))
-        status, _, err = peltier("replay", tmp_path / "run")
+        status, _, err = peltier("replay", finished_run)
         assert (status, err) == (2, f"{record}: {column}: missing; expected the column of a run's record\n")
 
 
