@@ -1,4 +1,4 @@
-"""What tests of the rig share: a still world, a virtual clock, simulated ports with clean-up, and a run that has ended."""
+"""What tests of the rig share: a still world, a virtual clock, simulated ports, and a run that has ended."""
 
 from __future__ import annotations
 

@@ -188,22 +188,10 @@ def test_a_folder_that_is_deleted_is_written_again(
     assert (tmp_path / "run" / "config.toml").exists()
 
 
-def test_a_trip_keeps_its_cause_and_the_data_around_it(
+def test_a_trip_keeps_its_cause_and_the_data_around_it_and_its_loop_runs_nothing_more(
     monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
 ) -> None:
-    at_row(monkeypatch, 100, raising(Tripped("test", "a test trips", 0.0)))
-    assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 10
-    trip = json.loads((tmp_path / "run.part" / "trip.json").read_text())
-    assert trip["cause"] == "test"
-    assert trip["text"] == "a test trips"
-    assert trip["limits"]["high_degC"] == 95.0
-    assert len(trip["rows"]) == 100
-    assert len(trip["rows"][0]) == len(trip["columns"])
-
-
-def test_a_loop_that_has_tripped_runs_nothing_more(
-    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
-) -> None:
+    """Who comes in the morning sees what happened; and no second phase of the program heats what has tripped."""
     loops: list[Loop] = []
     whole = Loop.__init__
 
@@ -214,6 +202,12 @@ def test_a_loop_that_has_tripped_runs_nothing_more(
     monkeypatch.setattr(Loop, "__init__", kept)
     at_row(monkeypatch, 100, raising(Tripped("test", "a test trips", 0.0)))
     assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 10
+    trip = json.loads((tmp_path / "run.part" / "trip.json").read_text())
+    assert trip["cause"] == "test"
+    assert trip["text"] == "a test trips"
+    assert trip["limits"]["high_degC"] == 95.0
+    assert len(trip["rows"]) == 100
+    assert len(trip["rows"][0]) == len(trip["columns"])
     with pytest.raises(Tripped, match="a test trips"):
         loops[0].phase("again", None, 1.0, 0.1)  # type: ignore[arg-type]
 
