@@ -101,9 +101,9 @@ def main() -> int:
     print(f"fixed point (20), sigma 1e-4: mean    {f['fixed_point_1e-4']:10.2f}    the paper's input: 8.38")
     print(f"fixed point (20), sigma 1e-2: mean    {f['fixed_point_1e-2']:10.2f}    the paper's input: 5.31")
     print(f"smooth target, {f['inverse_ns']:4.0f} ns: speed of model {f['inverse_of_forward']:9.3f}    asked >= 0.1")
-    for name, asked in (("monotone", "asked <= 20"), ("family", "in the tens")):
+    for name, limit in (("monotone", "asked <= 20"), ("family", "in the tens")):
         print(f"{name}, {f[name + '_targets']:.0f} targets: failures {f[name + '_failures']:.0f}    asked 0")
-        print(f"{name}, evaluations: mean {f[name + '_mean']:.2f}, largest {f[name + '_most']:.0f}    {asked}")
+        print(f"{name}, evaluations: mean {f[name + '_mean']:.2f}, largest {f[name + '_most']:.0f}    {limit}")
     kept(asked.json, f)
     return 0
 
