@@ -46,9 +46,10 @@ def rig_with(folder: Path, more: str) -> Iterator[Rig]:
             client.close()
 
 
-@pytest.fixture
-def read_only(tmp_path: Path) -> Iterator[Rig]:
-    yield from rig_with(tmp_path, "")
+@pytest.fixture(scope="module")
+def read_only(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    """For all three tests of it: a server takes seconds to begin. The last one stops the bench."""
+    yield from rig_with(tmp_path_factory.mktemp("read_only"), "")
 
 
 @pytest.fixture
