@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import math
 import random
 import shutil
@@ -64,8 +65,8 @@ dwell_s = 2.0
 class Run:
     """One run of a film: name, as the table knows it; way: how the target is given (`resistance`, or as a temperature
     by `inverse` or `look_up`); left: how somebody has left the film (`leave_behind`); sloped: whether the plate's S and
-    R_e change with temperature, exact: whether the law has the film and the plate as they are; the rest as in the
-    configuration."""
+    R_e change with temperature, exact: whether the law has the film and the plate as they are; tuned: with the
+    controller's own gains by `peltier tune`; the rest as in the configuration."""
 
     name: str
     law: str = "full"
@@ -77,6 +78,7 @@ class Run:
     repeat: int = 1
     memory: str = ""
     left: str = "other branch"
+    tuned: bool = False
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,7 @@ def one_run(film: Film, run: Run, folder: Path, found: Found) -> str:
         before_s = FROM_HOT_S
         write_temperatures(folder, run, times, values)
     bench = Bench(film, run, folder)
-    text = bench.command("run", model)
+    text = bench.command("run", model, own_gains(film, run, model, folder) if run.tuned else "")
     if text:
         return f"{run.name}: {text} "
     errors = [error(bench.plants[-1], begin + before_s, times, values) for begin in bench.begin_s]
@@ -227,13 +229,13 @@ class Bench:
         self.plants: list[TrackedPlant] = []
         self.begin_s: list[float] = []
 
-    def command(self, verb: str, model: str) -> str:
+    def command(self, verb: str, model: str, more: str = "") -> str:
         """What it said, where it failed."""
         from rig.__main__ import main
 
         film, run, said = self.film, self.which, io.StringIO()
         path = self.folder / "config.toml"
-        path.write_text(configuration(film, run, model))
+        path.write_text(configuration(film, run, model) + more)
         with (
             behind_the_instruments(lambda start_s: plant_of(film, run, start_s)) as self.plants,
             noted_phase(lambda name: name in ("track", "profile")) as self.begin_s,
@@ -257,6 +259,18 @@ def configuration(film: Film, run: Run, model: str) -> str:
         text = text.replace("[limits]\n", "[limits]\npolarity_share = 0.0\n")
         text = text.replace("[experiment]\n", f'[experiment]\nmemory = "{run.memory}"\n')
     return text
+
+
+def own_gains(film: Film, run: Run, model: str, folder: Path) -> str:
+    """The driver's options that `peltier tune` gives, as a table of the configuration."""
+    from rig.__main__ import main
+
+    path, told = folder / "tuned.toml", folder / "tuned.json"
+    path.write_text(configuration(film, run, model))
+    with contextlib.redirect_stdout(io.StringIO()):
+        main(["tune", str(path), "--json", str(told)])
+    gains = json.loads(told.read_text())["instrument_pid_gains"]["options"]
+    return "[bench.controller.options]\n" + "".join(f"{key} = {value!r}\n" for key, value in gains.items())
 
 
 def write_temperatures(folder: Path, run: Run, times: list[float], values: list[float]) -> None:

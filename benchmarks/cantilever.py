@@ -10,7 +10,6 @@ inverts a model is left with what the model is off. Errors are read minus wanted
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import json
@@ -23,6 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from benchmarks._harness import options
 from benchmarks._paper_models import TABLE_1_DEGC, cantilever, damped_oscillation
 from rig.config.model_file import read_model
 
@@ -74,14 +74,11 @@ def model_off() -> tuple[float, float]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--noise", type=float, default=0.005, help="of the detector, V")
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+    asked = options(__doc__, noise=0.005, seed=1)
     rows = [*PAPER, ("here: model off the simulated cantilever", *model_off())]
-    tracked = scores(OFF, options.noise, options.seed)
+    tracked = scores(OFF, asked.noise, asked.seed)
     rows += [(f"tracked, film off its model: {law}", *tracked[law]) for law in LAWS]
-    exact = scores(EXACT, options.noise, options.seed)
+    exact = scores(EXACT, asked.noise, asked.seed)
     rows += [(f"tracked, film is the model: {law}", *exact[law]) for law in LAWS]
     print(f"{'curvature, 1/m of a span of 1500':60s} {'RMS':>8s} {'largest':>8s}")
     for what, rms, largest in rows:

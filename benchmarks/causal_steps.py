@@ -14,7 +14,6 @@ wrong: film outside the class, the wrong plate of `benchmark tracking`; the mode
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import copy
 import io
@@ -34,6 +33,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks._beside_the_plant import PERIOD_S, driven, placed
+from benchmarks._harness import options
 from benchmarks._hidden_effects import EffectPlant, Hidden
 from benchmarks._own_plant import KELVIN, behind_the_instruments
 from benchmarks._tracked_plant import Plate, TrackedPlant
@@ -185,18 +185,12 @@ def measured(pool: Executor, kind: str, seeds: Iterable[int], steps: int) -> Row
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--steps", type=int, default=50, help="of each film")
-    parser.add_argument("--only", default=",".join(ASKED))
-    parser.add_argument("--workers", type=int, default=2)
-    options = parser.parse_args()
+    options_ = options(__doc__, only=tuple(ASKED), seeds=10, first=0, steps=50)
     good = True
-    with ProcessPoolExecutor(options.workers) as pool:
-        for kind in options.only.split(","):
-            asked, seeds = ASKED[kind], range(options.first, options.first + options.seeds)
-            rows = measured(pool, kind, seeds, options.steps)
+    with ProcessPoolExecutor(options_.workers) as pool:
+        for kind in options_.only:
+            asked, seeds = ASKED[kind], range(options_.first, options_.first + options_.seeds)
+            rows = measured(pool, kind, seeds, options_.steps)
             most, over = max(rows.overshoot_dec), rows.over_fastest
             good &= asked.overshoot_dec is None or most <= asked.overshoot_dec
             good &= float(np.median(over)) <= asked.median and max(over) <= asked.most

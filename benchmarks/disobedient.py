@@ -3,7 +3,7 @@
     ./peltier benchmark disobedient [--driver meerstetter] [--fault deaf] [--way stopped] [--json FILE]
 
 Each case is a real `peltier run` under its guard on pseudo-terminals, by a real clock; when its output has been on for
-40 s the controller begins not to obey (`tests/instruments/disobedient.py`), and the run is stopped (SIGTERM), or the
+40 s the controller begins not to obey (`tests/rig/drivers/disobedient.py`), and the run is stopped (SIGTERM), or the
 process that holds the port is killed (SIGKILL). Its dead man, where it has one, works: every frame that it hears feeds
 it.
 
@@ -14,8 +14,6 @@ on: there is nothing but the message.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import signal
 import sys
@@ -25,14 +23,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._killed_run import KilledRuns  # noqa: E402
-from rig.config.configuration import read_configuration  # noqa: E402
-from rig.guard.takeover import end_trying  # noqa: E402
-from rig.ports.open import holder  # noqa: E402
-from tests.instruments.disobedient import FAULTS, Disobedient  # noqa: E402
+from benchmarks._harness import kept, options
+from benchmarks._killed_run import KilledRuns
+from rig.config.configuration import read_configuration
+from rig.guard.takeover import end_trying
+from rig.ports.open import holder
+from tests.rig.drivers.disobedient import FAULTS, Disobedient
 
 DRIVERS = ("meerstetter", "te_technology")
 WAYS = {"stopped": signal.SIGTERM, "killed": signal.SIGKILL}
@@ -111,17 +109,12 @@ def verdict(case: Case, dead_man_s: float) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--driver", choices=DRIVERS, action="append")
-    parser.add_argument("--fault", choices=FAULTS, action="append")
-    parser.add_argument("--way", choices=sorted(WAYS), action="append")
-    parser.add_argument("--json", metavar="FILE")
-    options = parser.parse_args()
+    asked = options(__doc__, driver=DRIVERS, fault=tuple(FAULTS), way=tuple(WAYS))
     print(f"{'controller':<15}{'does not obey':<15}{'run is':<9}{'exit':>5}{'current gone':>14}{'told after':>12}   ")
     rows = []
-    for driver in options.driver or DRIVERS:
-        for fault in options.fault or FAULTS:
-            for way in options.way or WAYS:
+    for driver in asked.driver:
+        for fault in asked.fault:
+            for way in asked.way:
                 case, dead_man_s = one(driver, fault, way)
                 gone = f"{case.gone_s:.2f} s" if case.gone_s is not None else "stays"
                 found = verdict(case, dead_man_s)
@@ -129,10 +122,9 @@ def main() -> int:
                 print(f"{head}   {found}", flush=True)
                 rows.append({**asdict(case), "dead_man_s": dead_man_s, "verdict": found})
     wrong = sum(row["verdict"] != "as asked" for row in rows)
-    asked = "exit status 11, or off in truth, and within the dead man's time and 1 s"
-    print(f"asked: {asked}: {len(rows) - wrong} of {len(rows)}")
-    if options.json:
-        Path(options.json).write_text(json.dumps(rows, indent=2) + "\n")
+    what = "exit status 11, or off in truth, and within the dead man's time and 1 s"
+    print(f"asked: {what}: {len(rows) - wrong} of {len(rows)}")
+    kept(asked.json, rows)
     return 0
 
 

@@ -10,15 +10,15 @@ Asked: 92 to 98 %.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks._harness import options, side_by_side
 
 NOISE_DEC = 0.002
 ROWS = 5000
@@ -62,12 +62,9 @@ def true_parameters(film: object) -> dict[str, float]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--records", type=int, default=200)
-    options = parser.parse_args()
+    asked = options(__doc__, records=200)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with ProcessPoolExecutor() as pool:
-        results = list(pool.map(one, range(options.records), chunksize=4))
+    results = list(side_by_side(one, range(asked.records), asked.workers))
     names = sorted({name for inside, _, _ in results for name in inside})
     print(f"{'':<34}{'inside 95 %':>14}{'identified in':>16}{'median half-width':>20}{'asked':>12}")
     total, count = 0, 0

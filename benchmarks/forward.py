@@ -10,9 +10,7 @@ is no `preisach` or `pyhysteresis`, and `hysteresis` processes measured curves).
 
 from __future__ import annotations
 
-import argparse
 import ctypes
-import json
 import subprocess
 import sys
 import tempfile
@@ -24,6 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from benchmarks._harness import kept, options
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 
 SAMPLES, NUMPY_SAMPLES, ROUNDS, OPERATORS = 1_000_000, 50_000, 7, 30
@@ -120,9 +119,7 @@ def best_ns(functions: dict[str, Callable[[np.ndarray], np.ndarray]], v: np.ndar
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    asked = options(__doc__)
     v = smooth_path(SAMPLES)
     reference = ours(v)
     with tempfile.TemporaryDirectory() as folder:
@@ -147,8 +144,7 @@ def main() -> int:
     print(f"speed, of g++ -O3                     {figures['speed_of_gpp_O3']:8.2f}    asked >= 0.7")
     print(f"speed, of g++ -O3 -march=native       {figures['speed_of_gpp_O3_native']:8.2f}    asked >= 0.7")
     print(f"times a numpy loop over the samples   {figures['times_numpy']:8.1f}    asked >= 40")
-    if options.json is not None:
-        options.json.write_text(json.dumps(figures, indent=1))
+    kept(asked.json, figures)
     return 0
 
 

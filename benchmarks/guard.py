@@ -10,8 +10,6 @@ come up side by side, on pseudo-terminals of their own, because a run's imports 
 
 from __future__ import annotations
 
-import argparse
-import json
 import random
 import statistics
 import sys
@@ -19,10 +17,10 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._killed_run import OFF, Killed, KilledRuns  # noqa: E402
+from benchmarks._harness import kept, options
+from benchmarks._killed_run import OFF, Killed, KilledRuns
 
 LONGEST_S = 1.0  # after the output came on
 
@@ -44,23 +42,15 @@ def killed(driver: str, kills: int, seed: int) -> tuple[list[Killed], tuple[int,
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--driver", choices=sorted(OFF), action="append")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--at-once", type=int, default=3, metavar="N")
-    parser.add_argument("--json", metavar="FILE")
-    options = parser.parse_args()
+    asked = options(__doc__, kills=200, driver=tuple(sorted(OFF)), seed=1, at_once=3)
     rows = {}
     print(
         f"{'controller':<15}{'kills':>6}{'off':>6}  {'told: median':>12}{'95 %':>8}{'max':>8}"
         f"  {'off: median':>12}{'max':>8}"
     )
-    for driver in options.driver or ["meerstetter"]:
-        shares = [
-            options.kills // options.at_once + (k < options.kills % options.at_once) for k in range(options.at_once)
-        ]
-        jobs = [(driver, share, options.seed + k) for k, share in enumerate(shares) if share]
+    for driver in asked.driver:
+        shares = [asked.kills // asked.at_once + (k < asked.kills % asked.at_once) for k in range(asked.at_once)]
+        jobs = [(driver, share, asked.seed + k) for k, share in enumerate(shares) if share]
         with ThreadPoolExecutor(len(jobs)) as pool:
             parts = list(pool.map(killed, *zip(*jobs, strict=True)))
         kills = [kill for found, _ in parts for kill in found]
@@ -85,8 +75,7 @@ def main() -> int:
             if not (kill.off_at_the_end and kill.status == 137):
                 print(f"  status {kill.status}: {kill.err.strip()}")
     print("asked: off every time, 20 ms in the median")
-    if options.json:
-        Path(options.json).write_text(json.dumps(rows, indent=2) + "\n")
+    kept(asked.json, rows)
     return 0
 
 

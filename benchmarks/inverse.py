@@ -10,8 +10,6 @@ in +-10 walked in steps of 0.1. The paper reports 8.38 mean iterations at sigma 
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from itertools import pairwise
@@ -21,6 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from benchmarks._harness import kept, options
 from benchmarks.forward import film, smooth_path
 from compensator.hysteresis.film import IDENTITY, FilmModel, Memory, Memoryless
 from compensator.inverse.inverse import Inverse
@@ -94,22 +93,18 @@ def speed() -> dict[str, float]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--models", type=int, default=10_000)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    f = paper_like() | speed() | random_models(options.models)
+    asked = options(__doc__, models=10_000)
+    f = paper_like() | speed() | random_models(asked.models)
     print(f"paper-like, evaluations: mean         {f['paper_like_mean']:10.2f}    asked <= 4")
     print(f"paper-like, evaluations: largest      {f['paper_like_most']:10.0f}    asked <= 15")
     print(f"paper-like, largest error             {f['paper_like_error']:10.1e}    asked <= 1e-9")
     print(f"fixed point (20), sigma 1e-4: mean    {f['fixed_point_1e-4']:10.2f}    the paper's input: 8.38")
     print(f"fixed point (20), sigma 1e-2: mean    {f['fixed_point_1e-2']:10.2f}    the paper's input: 5.31")
     print(f"smooth target, {f['inverse_ns']:4.0f} ns: speed of model {f['inverse_of_forward']:9.3f}    asked >= 0.1")
-    for name, asked in (("monotone", "asked <= 20"), ("family", "in the tens")):
+    for name, limit in (("monotone", "asked <= 20"), ("family", "in the tens")):
         print(f"{name}, {f[name + '_targets']:.0f} targets: failures {f[name + '_failures']:.0f}    asked 0")
-        print(f"{name}, evaluations: mean {f[name + '_mean']:.2f}, largest {f[name + '_most']:.0f}    {asked}")
-    if options.json is not None:
-        options.json.write_text(json.dumps(f, indent=1))
+        print(f"{name}, evaluations: mean {f[name + '_mean']:.2f}, largest {f[name + '_most']:.0f}    {limit}")
+    kept(asked.json, f)
     return 0
 
 

@@ -1,6 +1,6 @@
 """What is left of a trip: kill -9, a damaged history, a full disk and restarts in any order; and benches without one.
 
-    ./peltier benchmark latch [--count 100] [--workers 2] [--json FILE]
+    ./peltier benchmark latch [--count 100] [--seed 1] [--workers 2]
 
 Each case is a bench of its own, with `peltier serve` as a process on simulated instruments, whose history and latch are
 on a small disk in memory. It starts for the first time, in every fourth case on a disk that is already full. Some of
@@ -13,184 +13,208 @@ ways and started again. Asked: tripped at every start after the trip, and trippe
 
 from __future__ import annotations
 
-import argparse
-import json
+import contextlib
+import os
 import random
 import signal
+import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._latched_bench import DAMAGES, LatchedBench
-from benchmarks._small_disk import small_disk, with_own_mounts
+from benchmarks._harness import ROOT, kept, options
+from benchmarks._small_disk import SmallDisk, small_disk, with_own_mounts
+from rig.daemon.client import Client, NoDaemon
 
 DISK_MB = 16
 SOON_S = 0.05
+PATIENCE_S = 180.0  # on a busy computer
+DAMAGES = ("truncated", "random bytes", "deleted")
+BENCH = """
+[bench.controller]
+driver = "meerstetter"
+port = "sim://"
+[limits]
+temperature_degC = [10, 61.5]
+current_A = 4.0
+polarity_share = 0.0
+[experiment]
+kind = "current_profile"
+target = ["start {current} A", "hold 60 s"]
+period_s = 0.05
+[simulation]
+first_degC = 60.0
+[serve]
+port = 0
+folder = "{folder}"
+idle_period_s = 0.1
+"""
 
 
-@dataclass
 class Case:
-    """What happened to one bench, in order, and how it was found at its starts."""
+    """A bench in a folder, what happened to it in order, and how it was found at its starts. disk: what its history
+    and its latch are on, None for the folder's own."""
 
-    steps: list[str] = field(default_factory=list)
-    new_tripped: int = 0
-    tripped: int = 0
-    lost: int = 0
-    reset_tripped: int = 0
-    failure: str | None = None
+    def __init__(self, folder: Path, disk: SmallDisk | None, chance: random.Random) -> None:
+        self.folder, self.disk, self._chance = folder, disk, chance
+        self._kept = (disk.folder if disk is not None else folder) / "kept"
+        self._socket, self._said = folder / "s", (folder / "said.txt").open("ab")
+        self._process: subprocess.Popen[bytes] | None = None
+        self.steps: list[str] = []
+        self.found: Counter[str] = Counter()  # "new", "after the trip", "reset", each with "tripped" or "not"
+        self.failure = ""
+        for name, current_A in (("bench", 0.5), ("hot", 3.0)):
+            (folder / f"{name}.toml").write_text(BENCH.format(folder=self._kept, current=current_A))
+
+    def run(self) -> None:
+        """From the first start to the one after the reset."""
+        chance = self._chance
+        if chance.random() < 0.25:
+            self.do("full disk")
+        self.start("new")
+        for _ in range(chance.randrange(3)):
+            self.do(chance.choice(["kill -9", "end", "full disk", *DAMAGES]))
+        self.do("room")
+        if self._process is not None and self.state()["no_job_because"]:
+            self.do("end")  # its history was damaged while it ran: a start puts it aside
+        if self._process is None:
+            self.start("new")
+        self.until(lambda state: not state["no_job_because"])
+        self.trip(self.disk is not None and chance.random() < 0.5)
+        steps = ["kill -9", chance.choice(DAMAGES), "full disk"]
+        steps += chance.sample(["kill -9", "end", "room", *DAMAGES], chance.randrange(1, 4))
+        chance.shuffle(steps)
+        for step in steps:
+            self.do(step)
+            if self._process is None and chance.random() < 0.4:
+                self.start("after the trip")
+        self.do("kill -9")
+        self.start("after the trip")
+        self.do("room")
+        with Client(self._socket) as client:
+            client.ask("POST", "/api/reset", reason="the benchmark has looked at it")
+        self.do(chance.choice(["kill -9", "end"]))
+        if chance.random() < 0.5:
+            self.do(chance.choice(DAMAGES))
+        self.start("reset")
+
+    def start(self, what: str) -> None:
+        """Begin a life, and count how the bench is found as soon as it is held, or latched."""
+        words = [sys.executable, "-m", "rig", "serve", str(self.folder / "bench.toml")]
+        more = {**os.environ, "PELTIER_SOCKET": str(self._socket), "PYTHONPATH": str(ROOT)}
+        quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": self._said}
+        self._process = subprocess.Popen(words, cwd=ROOT, env=more, **quiet)
+        word = self.until(lambda state: state["state"] != "offline")["state"]
+        self.steps.append(f"start: {word}")
+        self.found[f"{what}: {'tripped' if word == 'tripped' else 'not'}"] += 1
+
+    def state(self) -> Any:
+        """As `peltier status` has it; None where nobody answers yet."""
+        try:
+            with Client(self._socket) as client:
+                return client.ask("GET", "/api/state")
+        except (NoDaemon, KeyError):
+            return None
+
+    def until(self, true: Callable[[Any], Any]) -> Any:
+        """The first state of which something is so."""
+        end_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < end_s:
+            if self._process is not None and self._process.poll() is not None:
+                said = (self.folder / "said.txt").read_text()
+                raise RuntimeError(f"serve ended with status {self._process.returncode}: {said}")
+            state = self.state()
+            if state is not None and true(state):
+                return state
+            time.sleep(0.02)
+        raise RuntimeError(f"nothing of the kind in {PATIENCE_S:g} s")
+
+    def trip(self, by_full_disk: bool) -> None:
+        """Run into a trip; in half the cases SIGKILL soon after its announcement."""
+        with Client(self._socket, PATIENCE_S) as told, Client(self._socket) as client:
+            events = told.events(PATIENCE_S)
+            next(events)
+            client.ask("POST", "/api/jobs", configuration="bench" if by_full_disk else "hot")
+            for message in events:
+                event, data = message["event"], message["data"]
+                if by_full_disk and event == "state" and data["job"] is not None and data["output"] == "on":
+                    self.do("full disk")
+                    by_full_disk = False
+                if event == "trip" or (event == "state" and data["trip"] is not None):
+                    break
+            self.steps.append("trip")
+            if self._chance.random() < 0.5:
+                time.sleep(self._chance.uniform(0.0, SOON_S))
+                self.do("kill -9")
+
+    def do(self, step: str) -> None:
+        """One of the things that happen to a bench."""
+        self.steps.append(step)
+        if step in ("kill -9", "end"):
+            process, self._process = self._process, None
+            if process is not None:
+                process.send_signal(signal.SIGKILL if step == "kill -9" else signal.SIGTERM)
+                process.wait(PATIENCE_S)
+        elif step in DAMAGES:
+            self._damage(step)
+        elif self.disk is not None:
+            (self.disk.fill if step == "full disk" else self.disk.free)()
+
+    def _damage(self, how: str) -> None:
+        """What disks, and people who make room on them, do to a history."""
+        history = self._kept / "history.sqlite"
+        if how == "deleted":
+            for path in self._kept.glob("history.sqlite*"):
+                path.unlink()
+        elif history.is_file():
+            size = history.stat().st_size
+            with contextlib.suppress(OSError), history.open("r+b") as file:  # a full disk may have no room for noise
+                if how == "truncated":
+                    file.truncate(self._chance.randrange(size + 1))
+                else:
+                    begin = file.seek(self._chance.randrange(max(size, 1)))
+                    file.write(self._chance.randbytes(self._chance.randrange(1, max(size - begin, 1) + 1)))
 
 
 def one_case(folder: Path, seed: int) -> Case:
-    """A bench from its first start to the one after its reset."""
-    chance = random.Random(seed)
-    case = Case()
+    """A case from its beginning to its end; one that does not come to its end is told, and counts as none."""
     folder.mkdir()
     with small_disk(folder / "disk", DISK_MB) as disk:
-        bench = LatchedBench(folder, disk, chance)
+        case = Case(folder, disk, random.Random(seed))
         try:
-            _begin(bench, chance, case)
-            _trip(bench, chance, case)
-            _mistreat(bench, chance, case)
-            _reset(bench, chance, case)
-        except Exception as error:  # a case that does not come to its end is told, and counts as none
+            case.run()
+        except Exception as error:
             case.failure = f"{type(error).__name__}: {error}"
         finally:
-            bench.close()
+            case.do("kill -9")
     return case
 
 
-def _begin(bench: LatchedBench, chance: random.Random, case: Case) -> None:
-    """A new bench, started; perhaps mistreated before anything has happened."""
-    if bench.disk is not None and chance.random() < 0.25:
-        _do("full disk", bench, chance, case)
-    _start(bench, case, "new_tripped")
-    for _ in range(chance.randrange(3)):
-        _do(chance.choice(["kill -9", "end", "full disk", *DAMAGES]), bench, chance, case)
-    _make_room(bench, case)
-    if bench.alive and (bench.state() or {}).get("no_job_because"):
-        bench.end(signal.SIGTERM)  # its history was damaged while it ran: a start puts it aside
-    if not bench.alive:
-        _start(bench, case, "new_tripped")
-    bench.until(lambda state: not state["no_job_because"])
-
-
-def _trip(bench: LatchedBench, chance: random.Random, case: Case) -> None:
-    by_full_disk = bench.disk is not None and chance.random() < 0.5
-    kill_after_s = chance.uniform(0.0, SOON_S) if chance.random() < 0.5 else None
-    cause = bench.trip(by_full_disk, kill_after_s)
-    case.steps.append(f"trip ({cause})" + (f", kill -9 after {1e3 * kill_after_s:.0f} ms" if kill_after_s else ""))
-
-
-def _mistreat(bench: LatchedBench, chance: random.Random, case: Case) -> None:
-    """At least a kill, a damage and a full disk, in a random order, with starts in between."""
-    steps = ["kill -9", chance.choice(DAMAGES), "full disk"]
-    steps += chance.sample(["kill -9", "end", "room", *DAMAGES], chance.randrange(1, 4))
-    chance.shuffle(steps)
-    for step in steps:
-        _do(step, bench, chance, case)
-        if not bench.alive and chance.random() < 0.4:
-            _start(bench, case, "tripped")
-    bench.end(signal.SIGKILL)
-    _start(bench, case, "tripped")
-
-
-def _reset(bench: LatchedBench, chance: random.Random, case: Case) -> None:
-    """Somebody looks at it, makes room, and clears the trip: it stays cleared."""
-    _make_room(bench, case)
-    bench.ask("POST", "/api/reset", reason="the benchmark has looked at it")
-    bench.end(chance.choice([signal.SIGKILL, signal.SIGTERM]))
-    case.steps.append("reset")
-    if chance.random() < 0.5:
-        _do(chance.choice(DAMAGES), bench, chance, case)
-    _start(bench, case, "reset_tripped")
-
-
-def _do(step: str, bench: LatchedBench, chance: random.Random, case: Case) -> None:
-    case.steps.append(step)
-    if step == "kill -9":
-        bench.end(signal.SIGKILL)
-    elif step == "end":
-        bench.end(signal.SIGTERM)
-    elif step == "full disk" and bench.disk is not None:
-        bench.disk.fill()
-    elif step == "room" and bench.disk is not None:
-        bench.disk.free()
-    elif step in DAMAGES:
-        bench.damage(step)
-
-
-def _make_room(bench: LatchedBench, case: Case) -> None:
-    if bench.disk is not None:
-        bench.disk.free()
-        case.steps.append("room")
-
-
-def _start(bench: LatchedBench, case: Case, count: str) -> None:
-    """A start, and how the bench is found: after the trip it should be tripped, else it should not."""
-    state = bench.start()
-    is_tripped = state["state"] == "tripped"
-    case.steps.append(f"start: {state['state']}")
-    if count != "tripped":
-        setattr(case, count, getattr(case, count) + is_tripped)
-    elif is_tripped:
-        case.tripped += 1
-    else:
-        case.lost += 1
-
-
-def told(cases: list[Case], with_disks: bool) -> dict[str, Any]:
-    """Print what came out; the same as numbers."""
-    whole = [case for case in cases if case.failure is None]
-    held = sum(case.lost == 0 and case.tripped > 0 for case in whole)
-    starts = sum(case.tripped + case.lost for case in whole)
-    new, again = sum(case.new_tripped > 0 for case in whole), sum(case.reset_tripped > 0 for case in whole)
-    disk = "" if with_disks else "  (without full disks: none can be mounted here)"
-    count = len(cases)
-    print(f"tripped, then mistreated: still tripped {held} of {count}, at {starts} starts{disk}        asked: all")
-    print(f"new benches: tripped at a start {new} of {count}        asked: none")
-    print(f"properly reset benches: tripped at the next start {again} of {count}        asked: none")
-    for case in cases:
-        if case.failure is not None or case.lost or case.new_tripped or case.reset_tripped:
-            print(f"    {'; '.join([*case.steps, *(case.failure or '').splitlines()[:1]])}")
-            print("".join(f"        {line}\n" for line in (case.failure or "").splitlines()[-1:]), end="")
-    return {
-        "count": count,
-        "still_tripped": held,
-        "starts_after_a_trip": starts,
-        "new_tripped": new,
-        "reset_tripped": again,
-        "not_ended": count - len(whole),
-        "with_full_disks": with_disks,
-    }
-
-
 def main() -> int:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--count", type=int, default=100)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=1, help="of the first case; they follow one another")
-    parser.add_argument("--json")
-    options = parser.parse_args()
+    asked = options(__doc__, count=100, seed=1)
     with_own_mounts()
-    begin = time.perf_counter()
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        with small_disk(folder / "trial", 1) as disk:
-            with_disks = disk is not None
-        with ThreadPoolExecutor(options.workers) as pool:
-            numbers = range(options.seed, options.seed + options.count)
-            cases = list(pool.map(lambda number: one_case(folder / str(number), number), numbers))
-    result = told(cases, with_disks)
-    print(f"{time.perf_counter() - begin:.0f} s")
-    if options.json:
-        Path(options.json).write_text(json.dumps(result) + "\n")
-    return 0
+    with tempfile.TemporaryDirectory() as temporary, ThreadPoolExecutor(asked.workers) as pool:
+        seeds = range(asked.seed, asked.seed + asked.count)
+        cases = list(pool.map(lambda seed: one_case(Path(temporary) / str(seed), seed), seeds))
+    found: Counter[str] = sum((case.found for case in cases), Counter())
+    held = sum(not case.failure and not case.found["after the trip: not"] for case in cases)
+    disk = "" if all(case.disk for case in cases) else "  (without full disks: none can be mounted here)"
+    print(f"tripped, then mistreated: still tripped {held} of {asked.count}{disk}        asked: all")
+    for what in ("new", "after the trip", "reset"):
+        print(f"starts, {what}: tripped {found[f'{what}: tripped']}, not {found[f'{what}: not']}")
+    wrong = ("after the trip: not", "new: tripped", "reset: tripped")
+    for case in cases:
+        if case.failure or any(case.found[name] for name in wrong):
+            print(f"    {'; '.join([*case.steps, case.failure])}")
+    kept(asked.json, {"count": asked.count, "still_tripped": held, **found})
+    return 0 if held == asked.count and not any(found[name] for name in wrong) else 1
 
 
 if __name__ == "__main__":

@@ -14,11 +14,9 @@ and in brackets the largest: the predictor's own largest, which another predicto
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks._beside_the_plant import AGES_S, OHMMETER_S, PERIOD_S, driven, placed
+from benchmarks._harness import options, side_by_side
 from benchmarks._hidden_effects import EffectPlant, Hidden
 from benchmarks._tracked_plant import NOISE_DEC
 from benchmarks._tracking_runs import (
@@ -147,21 +146,15 @@ def told(errors: Errors) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--first", type=int, default=10)
-    parser.add_argument("--film", choices=sorted(FILMS), default="outside")
-    parser.add_argument("--workers", type=int, default=2)
-    options = parser.parse_args()
+    asked = options(__doc__, seeds=2, first=10, film="outside")
     print("RMS (largest) error in n = 0.002 decades: the law, and the least that so late a correction leaves")
-    cases = [(options.film, seed) for seed in range(options.first, options.first + options.seeds)]
+    cases = [(asked.film, seed) for seed in range(asked.first, asked.first + asked.seeds)]
     ratios = []
-    with ProcessPoolExecutor(options.workers) as pool:
-        for (kind, seed), found in zip(cases, pool.map(measured, cases), strict=True):
-            (law, least), (late_law, late_least) = found[0.0], found[DELAY_S]
-            ratios.append((late_law[0] / law[0], late_least[0] / law[0]))
-            print(f"{kind} {seed}: no delay {told(law)}, least {told(least)}; ", end="")
-            print(f"{DELAY_S:g} s, known exactly {told(late_law)}, least {told(late_least)}", flush=True)
+    for (kind, seed), found in zip(cases, side_by_side(measured, cases, asked.workers), strict=True):
+        (law, least), (late_law, late_least) = found[0.0], found[DELAY_S]
+        ratios.append((late_law[0] / law[0], late_least[0] / law[0]))
+        print(f"{kind} {seed}: no delay {told(law)}, least {told(least)}; ", end="")
+        print(f"{DELAY_S:g} s, known exactly {told(late_law)}, least {told(late_least)}", flush=True)
     law_ratio, least_ratio = np.median(np.array(ratios), axis=0)
     print(f"with over without the delay: the law {law_ratio:.2f}; with the least in its place {least_ratio:.2f}")
     return 0

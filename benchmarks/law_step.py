@@ -8,8 +8,6 @@ machine's model, a sample in ns, is told beside it to compare runs.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from pathlib import Path
@@ -18,6 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from benchmarks._harness import kept, options
 from benchmarks.forward import best_ns, film, ours, smooth_path
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import NAMES, Inputs, LawName
@@ -50,18 +49,15 @@ def median_us(name: LawName) -> float:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    asked = options(__doc__)
     figures = {name: median_us(name) for name in NAMES}
     for name, microseconds in figures.items():
-        asked = "    asked <= 25" if name == "full" else ""
-        print(f"{name:16s} {microseconds:6.1f} us a step{asked}")
+        limit = "    asked <= 25" if name == "full" else ""
+        print(f"{name:16s} {microseconds:6.1f} us a step{limit}")
     path = smooth_path(200_000)
     figures["model_ns"] = best_ns({"ours": ours}, path)["ours"]
     print(f"the model alone  {figures['model_ns']:6.1f} ns a sample")
-    if options.json is not None:
-        options.json.write_text(json.dumps(figures, indent=1))
+    kept(asked.json, figures)
     return 0
 
 

@@ -1,13 +1,13 @@
 """How near the film's own resistance comes to the wanted one, on a plate and films that no part of the program wrote.
 
-    ./peltier benchmark tracking [--seeds 5] [--first 10] [--only ROW,ROW] [--out DIR] [--workers 2]
+    ./peltier benchmark tracking [--seeds 5] [--first 10] [--only ROW,ROW] [--json FILE] [--workers 2]
 
 The plant (`_tracked_plant`) is behind the emulated instruments, on the virtual clock: 30 J/K, 0.5 W/K, 0.05 V/K, 2 ohm,
 25 degC, readings with 0.01 K and n = 0.002 decades of noise, at 10 Hz, 4 A. The model is what `calibrate` makes of it.
 The target stays in the middle 80 % of the film's range: ramps of 0.01 decades/s between random levels, dwells of 30 s,
 and a sine of 0.8 decades peak to peak in 300 s. Errors are those of the film itself, from the target's first row to its
-last; of each row the median over the films is told beside what is asked, and every film is in the figure (tracking.svg,
-tracking.json in DIR). Steps that nobody announced: `benchmark causal_steps`, of which the table has a short run.
+last; of each row the median over the films is told beside what is asked. Steps that nobody announced: `benchmark
+causal_steps`, of which the table has a short run.
 
     class, outside   a film of the model's class, a film of relays; the full law, and feedforward alone
     exact            a film of the class and its plate with their true parameters
@@ -19,47 +19,33 @@ tracking.json in DIR). Steps that nobody announced: `benchmark causal_steps`, of
                      the film on the other branch than the model says; beside it where four random turns have left it
     others           PID on log R at the best of four Ms; the paper's scheme: the inverse's temperatures, PID on the
                      temperature, at the best of two; looked up on the major loop
+    own_gains        both films, law = "instrument_pid", gains as delivered and by `tune`
     steps            `causal_steps`, ten steps a film
     step_us          one step of the law from Python (`benchmark law_step`)
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks._harness import kept, options, side_by_side
 from benchmarks._tracked_plant import NOISE_DEC
-from benchmarks._tracking_runs import (  # of which `circle` takes its own
-    COLD_DEGC,
-    CONFIGURATION,
-    FILMS,
-    HOT_DEGC,
-    Film,
-    Found,
-    Run,
-    course,
-    error,
-    span,
-    tracked,
-)
-
-__all__ = ["COLD_DEGC", "CONFIGURATION", "FILMS", "HOT_DEGC", "course", "error", "span"]
+from benchmarks._tracking_runs import FILMS, Film, Found, Run, tracked
 
 FULL, FEEDFORWARD = Run("full"), Run("feedforward", law="feedforward")
 EXACT = Run("exact", exact=True), Run("exact_feedforward", law="feedforward", exact=True)
 SLOPES = Run("sloped", exact=True, sloped=True), Run("sloped_feedforward", law="feedforward", exact=True, sloped=True)
 PIDS = tuple(Run(f"pid_{ms}", law="pid", ms=ms) for ms in (1.2, 1.4, 1.7, 2.0))
 PAPER = tuple(Run(f"paper_{ms}", way="inverse", ms=ms) for ms in (1.4, 1.7))
+OWN = Run("delivered", law="instrument_pid"), Run("tuned", law="instrument_pid", tuned=True)
 MEMORY = (
     Run("memory", memory="estimate"),
     Run("assumed", memory="assume"),
@@ -75,6 +61,7 @@ ROWS: dict[str, tuple[tuple[str, float, tuple[Run, ...]], ...]] = {
     "slow": (("class", 2.0, (FULL,)),),
     "repeat": (("outside", 4.0, (Run("repeat", repeat=3),)),),
     "memory": (("class", 4.0, MEMORY), ("outside", 4.0, MEMORY)),
+    "own_gains": (("class", 4.0, OWN), ("outside", 4.0, OWN)),
     "others": (("outside", 4.0, (*PIDS, *PAPER, Run("look_up", way="look_up"))),),
 }
 SHORT_STEPS = 10
@@ -157,6 +144,9 @@ def lines(found: list[Found]) -> list[Line]:
             ("assumed, after turns", "assumed_turns"),
         )
     ]
+    for kind in FILMS:
+        table.append(Line(f"setpoints, gains as delivered, {kind}", None, of(kind, "delivered")))
+        table.append(Line(f"setpoints, gains by tune, {kind}", 0.8, of(kind, "tuned")))
     for name, each in (("PID on log R at its best Ms", PIDS), ("the paper's scheme, tuned", PAPER)):
         tried = [of("outside", run.name) for run in each]
         table.append(Line(name, None, min((t for t in tried if t), key=np.median, default=[])))
@@ -188,54 +178,30 @@ def step_lines(seeds: int, first: int, workers: int) -> list[Line]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--first", type=int, default=10)
-    parser.add_argument("--only", default=",".join([*ROWS, "steps", "step_us"]), help="rows, with commas between")
-    parser.add_argument("--noise", type=float, default=1.0, help="of both instruments, in times")
-    parser.add_argument("--out", type=Path, default=Path("runs/tracking"))
-    parser.add_argument("--workers", type=int, default=2)
-    options = parser.parse_args()
-    rows = options.only.split(",")
-    unknown = set(rows) - {*ROWS, "steps", "step_us"}
-    if unknown:
-        parser.error(f"--only: {', '.join(sorted(unknown))}: expected of {', '.join([*ROWS, 'steps', 'step_us'])}")
-    cases = films(rows, range(options.first, options.first + options.seeds), options.noise)
+    rows = (*ROWS, "steps", "step_us")
+    asked = options(__doc__, only=rows, seeds=5, first=10, noise=1.0)
+    cases = films(asked.only, range(asked.first, asked.first + asked.seeds), asked.noise)
     found: list[Found] = []
-    with ProcessPoolExecutor(options.workers) as pool:
-        for each in pool.map(tracked, cases):
-            found.append(each)
-            words = "  ".join(f"{name} {rms:.2f} ({most:.2f})" for name, (rms, most) in each.errors.items())
-            at = each.film
-            print(f"{at.kind} {at.seed}, {at.current_A:g} A: RMS (largest), n: {words} {each.text}", flush=True)
-            for run in at.runs:
-                if run.repeat > 1 and run.name in each.repetitions:
-                    print("    repetitions " + ", ".join(f"{rms:.2f}" for rms in each.repetitions[run.name]))
+    for each in side_by_side(tracked, cases, asked.workers):
+        found.append(each)
+        words = "  ".join(f"{name} {rms:.2f} ({most:.2f})" for name, (rms, most) in each.errors.items())
+        at = each.film
+        print(f"{at.kind} {at.seed}, {at.current_A:g} A: RMS (largest), n: {words} {each.text}", flush=True)
+        for run in at.runs:
+            if run.repeat > 1 and run.name in each.repetitions:
+                print("    repetitions " + ", ".join(f"{rms:.2f}" for rms in each.repetitions[run.name]))
     table = lines(found)
-    if "steps" in rows:
-        table += step_lines(options.seeds, options.first, options.workers)
-    if "step_us" in rows:
+    if "steps" in asked.only:
+        table += step_lines(asked.seeds, asked.first, asked.workers)
+    if "step_us" in asked.only:
         from benchmarks.law_step import median_us
 
         table.append(Line("one step of the law from Python", 25.0, [median_us("full") for _ in range(3)], "us"))
     print(f"\n{'n = 0.002 decades':52s} {'asked':>6s} {'measured':>8s}      {'of all films':>16s}")
     for line in table:
         print(told(line))
-    write(options.out, table)
+    kept(asked.json, [{**vars(line), "of": None, "measured": line.measured} for line in table])
     return 0 if all(not each.text for each in found) else 1
-
-
-def write(out: Path, table: list[Line]) -> None:
-    """tracking.json and the figure."""
-    from benchmarks._tracking_figure import draw
-
-    out.mkdir(parents=True, exist_ok=True)
-    document: list[dict[str, Any]] = [
-        {"what": t.what, "unit": t.unit, "asked": t.asked, "measured": t.measured, "values": t.values} for t in table
-    ]
-    (out / "tracking.json").write_text(json.dumps(document, indent=1))
-    draw(document, out / "tracking.svg")
-    print(f"\n{out}/tracking.svg, tracking.json")
 
 
 if __name__ == "__main__":

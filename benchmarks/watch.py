@@ -1,6 +1,8 @@
 """A heated plate is watched: faults that begin in the middle of a run, and experiments with nothing wrong.
 
-    ./peltier benchmark watch [--seeds N] [--only faults|quiet] [--workers N]
+    ./peltier benchmark watch [--seeds N] [--only faults,quiet] [--workers N] [--which WORDS]
+
+--which: only these faults: words of a fault's name, 'with' or 'none', 'heating'.
 
 Faults: an independent plate (`_watched_plant`) behind the emulated instruments, on the virtual clock; each of eleven
 faults begins after the polarity pulse, at least 10 K below the limit, with a model and without one, while the plate is
@@ -17,7 +19,6 @@ the sizes that are met, thermometers that lag by up to 30 s included: none may t
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import itertools
@@ -34,6 +35,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks._harness import options
 from benchmarks._own_plant import SIMULATED_BENCH, behind_the_instruments, noted_phase
 from benchmarks._watched_plant import FAULTS, WatchedPlant, drawn
 
@@ -227,23 +229,14 @@ def faults(seeds: range, workers: int, which: str) -> bool:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20, help="rigs for each fault")
-    parser.add_argument("--quiet-cases", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument(
-        "--which", default="", help="only these: words of the fault's name, 'with' or 'none', 'heating'"
-    )
-    parser.add_argument("--only", choices=("faults", "quiet"))
-    parser.add_argument("--workers", type=int, default=2)
-    options = parser.parse_args()
+    asked = options(__doc__, only=("faults", "quiet"), seeds=20, quiet_cases=200, first=0, which="")
     good = True
-    if options.only != "quiet":
-        good &= faults(range(options.first, options.first + options.seeds), options.workers, options.which)
-    if options.only != "faults":
+    if "faults" in asked.only:
+        good &= faults(range(asked.first, asked.first + asked.seeds), asked.workers, asked.which)
+    if "quiet" in asked.only:
         from benchmarks._quiet_runs import quiet
 
-        good &= quiet(options.quiet_cases, options.workers)
+        good &= quiet(asked.quiet_cases, asked.workers)
     return 0 if good else 1
 
 

@@ -3,14 +3,11 @@
     ./peltier benchmark week_report [--rows 600000]
 
 The record is that of a short simulated run, its rows again and again, one a second, with a spike of the resistance in
-one row. Printed: seconds and peak memory of `report`, whether its figures have the spike, and the same of what one
-would do without it: pandas reads the record, matplotlib draws all rows of temperature, resistance and current into an
-SVG file (numpy where pandas is not there). Nothing is asked of the numbers; of the figures, that they have the spike.
+one row. Printed: seconds and peak memory of `report`, and which figures have the spike. Asked: one has it.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -23,43 +20,21 @@ from collections.abc import Iterator
 from itertools import chain, cycle, islice
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks.real_clock import CONFIGURATION, FILM  # noqa: E402
-from benchmarks.real_clock_stalls import MODEL, PLATE  # noqa: E402
+from benchmarks._harness import ROOT, options
+from tests.rig.small import write_bench
 
 SPIKE, SPIKE_AT = 30.0, 0.37  # times the largest resistance; of the target's rows: at none that is taken evenly
 MOST_OFF = 0.01  # of the axis, from where the spike is to where a figure has it
 MOST_OTHERS = 0.9  # of the spike's height, that any other point of its line has
-PLAIN = """
-import sys
-from matplotlib.figure import Figure
-path, out = sys.argv[1:]
-try:
-    import pandas
-    table = pandas.read_csv(path)
-except ImportError:
-    import numpy
-    names = open(path).readline().rstrip().split(",")
-    wanted = ["time_s", "temperature_degC", "resistance_ohm", "current_A"]
-    usecols = [names.index(name) for name in wanted]
-    table = dict(zip(wanted, numpy.genfromtxt(path, delimiter=",", skip_header=1, usecols=usecols).T))
-figure = Figure(figsize=(10, 8))
-for axes, name in zip(figure.subplots(3, 1), ("temperature_degC", "resistance_ohm", "current_A")):
-    axes.plot(table["time_s"], table[name])
-figure.savefig(out)
-"""
 POINTS = re.compile(r"[ML] (-?[\d.]+) (-?[\d.]+)")
 
 
 def short_run(folder: Path) -> Path:
-    """A run folder of a minute's target, simulated."""
-    (folder / "film.toml").write_text(FILM)
-    (folder / "model.toml").write_text(FILM + MODEL)
-    text = CONFIGURATION.format(controller="sim://", meter="sim://", model='model = "model.toml"', **PLATE)
-    (folder / "run.toml").write_text(text.replace('time = "real"', 'time = "virtual"'))
-    words = [sys.executable, "-m", "rig", "run", "run.toml", "--out", "short"]
+    """A run folder of half a minute's target, simulated."""
+    path = write_bench(folder)
+    words = [sys.executable, "-m", "rig", "run", path.name, "--out", "short"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     subprocess.run(words, cwd=folder, env=environment, check=True, capture_output=True)
     return folder / "short"
@@ -124,24 +99,16 @@ def has_spike(figure: Path) -> bool:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", type=int, default=600_000)
-    options = parser.parse_args()
+    asked = options(__doc__, rows=600_000)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        run = week(short_run(folder), folder / "week", options.rows)
-        size_MB = (run / "record.csv").stat().st_size / 1e6
-        print(f"a record of {options.rows} rows, {size_MB:.0f} MB")
+        run = week(short_run(folder), folder / "week", asked.rows)
+        print(f"a record of {asked.rows} rows, {(run / 'record.csv').stat().st_size / 1e6:.0f} MB")
         report = [sys.executable, "-m", "rig", "report", str(run), "--out", str(folder / "report")]
         seconds, peak_MB, status = measured(report, folder)
         spiked = sorted(figure.name for figure in (folder / "report" / "figures").glob("*.svg") if has_spike(figure))
-        drawn_MB = sum(path.stat().st_size for path in (folder / "report").rglob("*") if path.is_file()) / 1e6
-        print(f"report: {seconds:.1f} s, {peak_MB:.0f} MB at most, {drawn_MB:.1f} MB written, exit status {status}")
+        print(f"report: {seconds:.1f} s, {peak_MB:.0f} MB at most, exit status {status}")
         print(f"the spike of one row is in: {', '.join(spiked) or 'no figure'}")
-        plain = [sys.executable, "-c", PLAIN, str(run / "record.csv"), str(folder / "plain.svg")]
-        seconds, peak_MB, plain_status = measured(plain, folder)
-        drawn_MB = (folder / "plain.svg").stat().st_size / 1e6 if plain_status == 0 else 0.0
-        print(f"read and drawn whole: {seconds:.1f} s, {peak_MB:.0f} MB at most, {drawn_MB:.1f} MB written")
     return 0 if status == 0 and spiked else 1
 
 

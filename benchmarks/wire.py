@@ -35,9 +35,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from rig.core.clock import VirtualClock
 from rig.drivers.scpi_meter import ScpiMeter
 from rig.ports import protocol_sim
-from tests.instruments.faulty_wire import DISORDER, REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
-from tests.instruments.still_plant import StillPlant
-from tests.instruments.wire_cases import CONTROLLERS, METERS, Case, Tally, controller_on, exchange, meter_on
+from tests.rig.drivers.faulty_wire import DISORDER, REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
+from tests.rig.drivers.still_plant import StillPlant
+from tests.rig.drivers.wire_cases import CONTROLLERS, METERS, Case, Tally, controller_on, exchange, meter_on
 
 NUMBER = ScpiMeter.NUMBER
 CHUNK = 500  # exchanges on one bench; then the next seed

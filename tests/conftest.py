@@ -1,4 +1,4 @@
-"""Shared fixtures: the folder of measured records, and the command line in this process.
+"""Shared fixtures: the folder of measured records, the command line in this process, a browser.
 
 Tests run side by side, in some processes. So each calculates with one thread.
 """
@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import pickle
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any, TextIO
@@ -49,6 +50,19 @@ def peltier(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str,
     return call
 
 
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """One browser for all tests; skips where there is none."""
+    playwright_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if path is None:
+        pytest.skip("no chromium is installed (Debian: apt-get install chromium)")
+    with playwright_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
+        yield browser
+        browser.close()
+
+
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports whose figures are made and not drawn, which would be half of a short run. For tests that look at other
@@ -78,5 +92,5 @@ class _Here(Executor):
 @pytest.fixture
 def computed_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Many cases computed in this process: each other one takes seconds to begin. For tests of what becomes of the
-    results; tests/many and tests/rig/test_many_records.py are of the processes."""
+    results; tests/rig/many and tests/rig/test_many_records.py are of the processes."""
     monkeypatch.setattr("rig.many.engine.ProcessPoolExecutor", lambda *settings: _Here())

@@ -3,24 +3,69 @@
 from __future__ import annotations
 
 import ast
+import functools
+import io
 import subprocess
 import sys
+import tokenize
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from benchmarks import structure
 from rig.__main__ import VERBS
 from rig.config.configuration import read_configuration
 
+ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("compensator", "sim", "rig")
 FORBIDDEN_NAMES = {"utils", "util", "helpers", "helper", "manager", "handler", "misc", "common"}
 
 
+@functools.cache
+def tree(source: str) -> ast.Module:
+    """A module's syntax tree, which several rules look at."""
+    return ast.parse(source)
+
+
+def constants(source: str) -> Iterator[tuple[str, int, bool]]:
+    """Name and line of each numeric constant, and whether a reason stands beside it."""
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    comments = {token.start[0] for token in tokens if token.type == tokenize.COMMENT}
+    for node in tree(source).body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
+        target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+        name = ast.unparse(target)
+        if name.isupper() and _is_number(node.value):
+            lines = range(node.lineno - 1, (node.end_lineno or node.lineno) + 1)
+            yield name, node.lineno, any(line in comments for line in lines)
+
+
+def _is_number(node: ast.expr) -> bool:
+    """Whether an expression is a number, arithmetic of numbers, or a collection of them."""
+    parts: list[ast.expr]
+    match node:
+        case ast.Constant():
+            return isinstance(node.value, int | float) and not isinstance(node.value, bool)
+        case ast.UnaryOp():
+            parts = [node.operand]
+        case ast.BinOp():
+            parts = [node.left, node.right]
+        case ast.Tuple() | ast.List() | ast.Set():
+            parts = node.elts
+        case ast.Dict():
+            parts = node.values
+        case ast.Call():
+            parts = node.args
+        case _:
+            return False
+    return bool(parts) and all(_is_number(part) for part in parts)
+
+
 def trees(package: str) -> dict[Path, ast.Module]:
     """Every module of a package."""
-    paths = (Path(__file__).resolve().parent.parent / package).rglob("*.py")
-    return {path: structure.tree(path.read_text(encoding="utf-8")) for path in paths}
+    paths = (ROOT / package).rglob("*.py")
+    return {path: tree(path.read_text(encoding="utf-8")) for path in paths}
 
 
 def test_import_directions(root: Path) -> None:
@@ -42,10 +87,10 @@ def test_no_room_for_leftovers(root: Path) -> None:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_public_names_have_docstrings(root: Path, package: str) -> None:
     missing = []
-    for path, tree in trees(package).items():
-        if not ast.get_docstring(tree):
+    for path, module in trees(package).items():
+        if not ast.get_docstring(module):
             missing.append(str(path.relative_to(root)))
-        for node in tree.body:
+        for node in module.body:
             if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
                 trivial = isinstance(node, ast.FunctionDef) and (
                     node.name in ("main", "arguments") or len(node.body) < 4
@@ -102,8 +147,8 @@ def test_statistics_are_not_loaded_for_every_run_and_diagnosis() -> None:
 
 def test_mathematics_never_asks_the_time() -> None:
     for package in ("compensator", "sim"):
-        for path, tree in trees(package).items():
-            for node in ast.walk(tree):
+        for path, module in trees(package).items():
+            for node in ast.walk(module):
                 names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
                 names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
                 assert not {"time", "datetime", "logging", "random"} & set(names), path
@@ -114,23 +159,7 @@ def test_mathematics_never_asks_the_time() -> None:
 def test_numeric_constants_have_their_reason_beside_them() -> None:
     assert not [
         f"{path}:{line} {name}"
-        for path, source in structure.sources_now().items()
-        for name, line, said in structure.constants(source)
+        for path in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+        for name, line, said in constants(path.read_text(encoding="utf-8"))
         if not said
     ]
-
-
-@pytest.mark.parametrize(
-    ("source", "said"),
-    [
-        ("A = 3\n", False),
-        ("A = 3  # tries\n", True),
-        ("# tries\nA = 3\n", True),
-        ("A: Final = (1.0, -2.0)\n", False),
-        ("A, B = 1, 2\n", False),
-        ('"""Text."""\n# of something else\n\nA = {"s": 1.0}\n', False),
-    ],
-)
-def test_a_reason_is_a_comment_beside_a_constant(source: str, said: bool) -> None:
-    (found,) = structure.constants(source)
-    assert found[2] is said

@@ -1,23 +1,83 @@
 """What lies beside the work, or where PYTHONPATH says, is taken for no module of Python's, of a package's or of ours.
 
-All names at once in one folder: one that was imported has left its mark. `./peltier benchmark shadowed_names` does the
-same with more verbs and more ways to start them.
+All names at once in one folder: one that was imported has left its mark.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+import sysconfig
+from collections.abc import Sequence
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
 
-from benchmarks.shadowed_names import environment, installed, marked, names, strew, write_work
+from tests.rig.small import write_bench
 from tests.test_launcher import launcher
 
-OWN = Path(sys.prefix).resolve() == (Path(__file__).resolve().parents[1] / ".venv").resolve()
+ROOT = Path(__file__).resolve().parent.parent
+OURS = ("rig", "sim", "compensator")
+SITE = ("sitecustomize", "usercustomize")
+COMMAND = "import re\nimport sys\nfrom peltier_command import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
+OWN = Path(sys.prefix).resolve() == (ROOT / ".venv").resolve()
 pytestmark = pytest.mark.skipif(not OWN or os.name == "nt", reason="runs ./peltier, whose Python is not this one")
+
+
+def names() -> list[str]:
+    """Return the names of modules that a file beside the work could have, in order."""
+    found = {*sys.stdlib_module_names, *packages_distributions(), *OURS, *SITE, "pip", "pyvisa", "yaml", "__main__"}
+    return sorted(name for name in found if name.isidentifier())
+
+
+def strew(folder: Path, names: Sequence[str], as_folders: bool) -> Path:
+    """Write a module of each name, which leaves its name in the file of marks when it is imported; the file's path."""
+    marks = folder / "marks"
+    for name in names:
+        path = folder / name / "__init__.py" if as_folders else folder / f"{name}.py"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(f"with open({str(marks)!r}, 'a') as file:\n    file.write('{name}\\n')\n")
+        if as_folders:
+            shutil.copyfile(path, path.parent / "__main__.py")
+    return marks
+
+
+def marked(marks: Path) -> list[str]:
+    """Return what was imported since the last call."""
+    found = sorted(set(marks.read_text().split())) if marks.exists() else []
+    marks.unlink(missing_ok=True)
+    return found
+
+
+def installed(folder: Path) -> Path:
+    """Make an environment with the packages of this Python in which `peltier` is installed; the command's path."""
+    subprocess.run([sys.executable, "-I", "-m", "venv", "--without-pip", str(folder)], check=True)
+    packages = Path(sysconfig.get_path("purelib", vars={"base": str(folder)}))
+    for name in (*OURS, "peltier_command.py"):
+        (packages / name).symlink_to(ROOT / name)
+    (packages / "others.pth").write_text(sysconfig.get_path("purelib"))
+    command = folder / "bin" / "peltier"
+    command.write_text(f"#!{folder / 'bin' / 'python'}\n{COMMAND}")
+    command.chmod(0o755)
+    return command
+
+
+def environment(folder: Path, **more: str) -> dict[str, str]:
+    """Of a user who has just logged in: nothing of this process' path, and a daemon's socket of its own."""
+    left = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "PELTIER_PYTHON"))}
+    return {**left, "PELTIER_SOCKET": str(folder / "bench.sock"), **more}
+
+
+def write_work(folder: Path) -> None:
+    """Write configurations: of a rig that is not there, and of a simulated one."""
+    path = write_bench(folder, target='["start 20 kohm", "hold 1 s"]')
+    text = path.read_text()
+    write_bench(folder, controller=str(folder / "no_port"), time="real")
+    path.rename(folder / "away.toml")
+    path.write_text(text)
 
 
 def said(command: Path, folder: Path, words: str, **more: str) -> tuple[int, str]:
@@ -42,7 +102,7 @@ def test_no_name_beside_the_work_is_imported(root: Path, tmp_path: Path, as_fold
         assert marked(marks) == []
 
 
-@pytest.mark.parametrize("name", ["rig", "serial", "sim", "compensator", "types", "msvcrt", "mpl_toolkits"])
+@pytest.mark.parametrize("name", ["rig", "serial", "types", "mpl_toolkits"])
 def test_nor_is_one_where_pythonpath_says(root: Path, tmp_path: Path, name: str) -> None:
     """An `export PYTHONPATH=~/lab` in a .bashrc reaches every program; its folder comes last."""
     write_work(tmp_path)

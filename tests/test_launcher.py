@@ -1,7 +1,7 @@
 """What `./peltier` makes of its environment, and what becomes of a set-up that is interrupted.
 
 The set-ups are real, in a copy of the launcher, but for the installer: a small script in the place of uv, which may
-hang in the middle of a package. `./peltier benchmark killed_setups` has the real one.
+hang in the middle of a package.
 """
 
 from __future__ import annotations

@@ -11,9 +11,9 @@ import pytest
 
 from rig.core.faults import Faults
 from rig.overview.configuration import read_overview
-from tests.daemon.benches import SERVE, running, write_current
-from tests.page.fake_bench import FakeBench, Server, served
 from tests.page.overviews import Overview, overviewing, silent, written
+from tests.rig.daemon.benches import SERVE, running, write_current
+from tests.rig.web.fake_bench import FakeBench, Server, served
 
 TOKEN, OTHER = "t" * 20, "u" * 20
 

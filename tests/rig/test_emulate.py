@@ -21,7 +21,7 @@ from rig.drivers.registry import open_controller, open_meter
 from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
-from tests.daemon.benches import until
+from tests.rig.daemon.benches import until
 from tests.rig.small import write_bench
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")

@@ -13,7 +13,7 @@ import pytest
 from rig.many.engine import EngineChoice
 from rig.records.record import Record
 from rig.report.many_records import Task, each_record
-from tests.many.work import refused
+from tests.rig.many.work import refused
 
 Peltier = Callable[..., tuple[int, str, str]]
 

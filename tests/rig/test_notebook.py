@@ -24,9 +24,9 @@ from rig.core.outcome import NotConfirmedOff
 from rig.core.python_words import python_words
 from rig.drivers.meerstetter import MeerstetterController
 from rig.records.record_file import write_columns
-from tests.instruments.disobedient import Disobedient
+from tests.rig.control.test_ways_out import at_row
+from tests.rig.drivers.disobedient import Disobedient
 from tests.rig.small import MODEL, write_bench
-from tests.rig.test_ways_out import at_row
 
 Peltier = Callable[..., tuple[int, str, str]]
 PROFILE = ["start 1.1 A", "sine 1.7 A period 120 s for 240 s"]

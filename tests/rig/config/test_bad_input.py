@@ -1,0 +1,298 @@
+"""Bad input gets one clear line per fault - what, where, what is expected - and exit status 2; nothing is armed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from inspect import signature
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.config.tables import ExperimentTable
+from rig.drivers import registry
+from rig.experiment.tracking import score
+from tests.rig.small import MODEL, write_bench
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+
+def test_a_law_that_is_named_twice_runs_once() -> None:
+    """Its folder would be there already, after hours."""
+    assert ExperimentTable(law="pid", compare=["feedforward", "pid", "feedforward"]).laws == ("pid", "feedforward")
+
+
+def test_misspelt_keys_are_all_named_at_once(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    text = path.read_text().replace("current_A = 4.0", "curent_A = 4.0").replace("period_s", "perod_s")
+    path.write_text(text)
+    status, out, err = peltier("run", path, "--out", tmp_path / "run")
+    lines = err.strip().splitlines()
+    assert status == 2
+    assert out == ""
+    assert any("limits.curent_A" in line and "current_A" in line for line in lines)
+    assert any("limits.current_A: missing" in line for line in lines)
+    assert any("experiment.perod_s" in line and "did you mean 'period_s'" in line for line in lines)
+    assert all(str(path) in line for line in lines)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ('kind = "track_resistance"', 'kind = "track"', "experiment.kind"),
+        ("period_s = 0.1", "period_s = -0.1", "experiment.period_s"),
+        ("period_s = 0.1", "period_s = inf", "experiment.period_s"),
+        ("temperature_degC = [10, 95]", "temperature_degC = [95, 10]", "limits.temperature_degC"),
+        ('driver = "meerstetter"', 'driver = "meerstater"', "bench.controller.driver"),
+        ('model = "model.toml"\ntarget', 'model = "no_such.toml"\ntarget', "experiment.model"),
+        ('"start 20 kohm", ', "", "experiment.target"),
+        ('"ramp to 5 kohm at 0.1 dec/s"', '"ramp to 5 kfoo at 0.1 dec/s"', "experiment.target[2]"),
+        ('"ramp to 5 kohm at 0.1 dec/s"', '"ramp to 5 kohm at 0.1 dec/s", "dwell"', "experiment.target[3]"),
+        ("[limits]", "[limits", "is not valid TOML"),
+    ],
+)
+def test_one_wrong_value(peltier: Peltier, tmp_path: Path, old: str, new: str, place: str) -> None:
+    path = write_bench(tmp_path)
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert place in err
+    assert str(path) in err
+
+
+@pytest.mark.parametrize(
+    ("ranges", "expected"),
+    [
+        ("temperature_degC = [5, 90]", "calibration.temperature_degC: [5.0, 90.0]: expected within limits"),
+        ("transition_degC = [50, 96]", "calibration.transition_degC: [50.0, 96.0]: expected within limits"),
+        (
+            "temperature_degC = [30, 70]\ntransition_degC = [50, 75]",
+            "transition_degC: [50.0, 75.0]: expected within calibration.temperature_degC [30.0, 70.0]",
+        ),
+    ],
+)
+def test_a_calibrations_ranges_lie_inside_each_other(
+    peltier: Peltier, tmp_path: Path, ranges: str, expected: str
+) -> None:
+    path = write_bench(tmp_path, more=f"\n[calibration]\n{ranges}\n")
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert expected in err
+
+
+def test_target_outside_the_films_range(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, target='["start 20 kohm", "ramp to 20 Mohm at 0.1 dec/s", "hold 5 s"]')
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "ohm is outside the film's range" in err
+    assert "expected" in err
+    assert "at " in err
+
+
+def test_both_instruments_at_one_port(peltier: Peltier, tmp_path: Path) -> None:
+    """Told before a port is opened: it would be held by this very program."""
+    path = write_bench(tmp_path)
+    text = path.read_text().replace('port = "sim://"', 'port = "/dev/ttyNONE"').replace('time = "virtual"', "")
+    path.write_text(text)
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "bench.meter.port: '/dev/ttyNONE' is bench.controller.port too" in err
+
+
+def test_no_verb_and_wrong_verb(peltier: Peltier) -> None:
+    status, _, err = peltier("calibrat")
+    assert status == 2
+    assert "did you mean 'calibrate'" in err
+    assert peltier()[0] == 2
+    assert peltier("--help")[0] == 0
+
+
+def test_missing_file(peltier: Peltier, tmp_path: Path) -> None:
+    status, _, err = peltier("run", tmp_path / "none.toml")
+    assert status == 2
+    assert "no such file" in err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("a = 0.2\nb = -12.6", "a = -0.2\nb = -12.6", "film.rising.a"),
+        ("weights = [0.4, 0.3, 0.2, 0.1]", "weights = [0.4, 0.3, 0.2]", "film"),
+        ("weights = [0.4, 0.3, 0.2, 0.1]", "weights = [0.4, 0.3, 0.2, -0.1]", "film.weights.3"),
+        ("[film.falling]", "[film.faling]", "film.faling"),
+        ("ambient_degC = 25.0", "", "plate.ambient_degC: missing"),
+        ("ambient_degC = 25.0", "ambient_degC = 25.0\nseebeck_slope_per_K = 0.2", "plate.seebeck_slope_per_K"),
+    ],
+)
+def test_wrong_models(peltier: Peltier, tmp_path: Path, old: str, new: str, place: str) -> None:
+    model, target = tmp_path / "model.toml", tmp_path / "target.csv"
+    assert old in MODEL
+    model.write_text(MODEL.replace(old, new))
+    target.write_text("time_s,target_ohm\n0,10000\n")
+    status, _, err = peltier("invert", model, target, "--out", tmp_path / "out.csv")
+    assert status == 2
+    assert str(model) in err
+    assert place in err
+
+
+def test_out_folder_that_is_taken(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    taken = tmp_path / "run"
+    taken.mkdir()
+    (taken / "precious.txt").write_text("keep me")
+    status, _, err = peltier("run", path, "--out", taken)
+    assert status == 2
+    assert "not empty" in err
+    assert (taken / "precious.txt").read_text() == "keep me"
+
+
+def _record(path: Path, temperature: object, resistance: object) -> Path:
+    import numpy as np
+
+    time = np.arange(200.0)
+    rows = zip(time, np.broadcast_to(temperature, 200), np.broadcast_to(resistance, 200), strict=True)
+    path.write_text("time_s,temperature_degC,resistance_ohm\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("temperature", "resistance", "expected"),
+    [
+        (60.0, 1e4, "temperature_degC: constant at 60"),
+        ("nan", 1e4, "temperature_degC: no finite number"),
+        (60.0, "nan", "resistance_ohm: no finite number"),
+        (60.0, "inf", "resistance_ohm: no finite number"),
+    ],
+)
+def test_records_that_say_nothing(
+    peltier: Peltier, tmp_path: Path, temperature: object, resistance: object, expected: str
+) -> None:
+    path = _record(tmp_path / "record.csv", temperature, resistance)
+    status, _, err = peltier("identify", path)
+    assert status == 2
+    assert len(err.strip().splitlines()) == 1
+    assert str(path) in err
+    assert expected in err
+
+
+def test_a_record_that_never_crosses_the_transition_is_told_so(peltier: Peltier, tmp_path: Path) -> None:
+    import numpy as np
+
+    wave = np.sin(np.arange(200.0) / 20.0)
+    path = _record(tmp_path / "record.csv", 20.0 + 10.0 * wave, 10.0 ** (5.0 - 0.1 * wave))
+    status, out, _ = peltier("identify", path)
+    assert status == 0
+    assert "does not cross the transition" in out
+
+
+@pytest.mark.parametrize("driver", sorted(registry.CONTROLLERS))
+def test_every_option_of_a_controller_takes_its_own_kind_only(peltier: Peltier, tmp_path: Path, driver: str) -> None:
+    names = set(signature(registry.controller_class(driver)).parameters) - {"transport", "line"}
+    for name in {*names, "framing", "model"}:
+        for value in ("-1.5", "1e300", "nan", '""', '"no such"'):
+            path = tmp_path / "bench.toml"
+            path.write_text(
+                f'[bench.controller]\ndriver = "{driver}"\nport = "sim://"\noptions = {{{name} = {value}}}\n'
+                '[limits]\ncurrent_A = 0.5\n[experiment]\nkind = "hold"\n'
+            )
+            if (name, value) in (("agreement_K", "1e300"), ("p_A_per_K", "-1.5")):
+                continue  # every two readings agree; a negative gain is one that regulates
+            status, _, err = peltier("check", path)
+            assert (status, len(err.splitlines())) == (2, 1), f"{name} = {value}: {err}"
+            assert f"{path}: bench.controller.options" in err
+            assert "expected" in err or "there are" in err or "should be" in err
+
+
+def test_a_value_that_may_be_of_several_kinds_has_one_line(peltier: Peltier, tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text(
+        '[bench.controller]\ndriver = "tclab"\nport = "sim://"\n'
+        '[bench.meter]\ndriver = "keithley2000"\nport = "sim://"\noptions = {a = [1], b = nan}\n'
+        '[limits]\ncurrent_A = 0.5\n[experiment]\ntarget = ["start 20 kohm", 5]\n'
+        '[sweep]\nseeds = "x"\n[simulation.film]\nrelais = 5\nmemoryless = {a = "x"}\n'
+    )
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    places = [line.removeprefix(f"{path}: ").partition(": ")[0] for line in err.splitlines()]
+    assert {"bench.meter.options.a", "bench.meter.options.b", "experiment.target.1", "sweep.seeds"} <= set(places)
+    assert {"simulation.film.relais", "simulation.film.memoryless.a"} <= set(places)
+    assert len(places) == len(set(places))
+
+
+class NothingRead:
+    """A run's rows of which none has a reading of the film."""
+
+    columns = ("phase", "time_s", "resistance_ohm", "target_ohm")
+
+    def column(self, name: str) -> np.ndarray:
+        return {"phase": np.array(["track"] * 3), "time_s": np.arange(3.0)}.get(name, np.full(3, np.nan))
+
+
+def test_a_run_without_a_row_that_counts_has_no_score() -> None:
+    assert score(NothingRead(), "full", 4.0) is None
+
+
+def test_a_target_of_years_is_refused(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, target='"target.csv"')
+    (tmp_path / "target.csv").write_text("time_s,target_ohm\n0,20000\n1e9,15000\n")
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "time_s: from 0 to 1e+09: expected a profile of three years at most" in err
+
+
+@pytest.mark.parametrize(
+    ("kind", "target", "told"),
+    [
+        (
+            "temperature_profile",
+            ["start 30 degC", "ramp to 99 degC at 2 K/s"],
+            "at 34.5 s: 99 degC is outside limits.temperature_degC; expected 10 to 95 degC",
+        ),
+        (
+            "current_profile",
+            ["start 0 A", "hold 2 s", "step to 9 A"],
+            "at 2 s: 9 A is outside limits.current_A; expected -4 to 4 A",
+        ),
+    ],
+)
+def test_a_target_beyond_the_limits_is_refused_before_anything_is_on(
+    peltier: Peltier, tmp_path: Path, kind: str, target: list[str], told: str
+) -> None:
+    path = write_bench(tmp_path, target=str(target).replace("'", '"'))
+    path.write_text(path.read_text().replace('kind = "track_resistance"', f'kind = "{kind}"'))
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert (status, told in err) == (2, True), err
+    assert not (tmp_path / "run").exists()
+    assert not (tmp_path / "run.part").exists()
+
+
+def test_a_misspelt_key_of_an_operator_is_told_with_what_was_meant(peltier: Peltier, tmp_path: Path) -> None:
+    envelope = '{function = "tanh", a = 0.2, b = -12.0}'
+    operator = f"[[film.operators]]\nradius = 0.0\nwieght = 1.0\nrising = {envelope}\nfalling = {envelope}\n"
+    (tmp_path / "model.toml").write_text(f'[film]\nkind = "mixed_envelopes"\n{operator}')
+    (tmp_path / "target.csv").write_text("time_s,target_ohm\n0,20000\n")
+    status, _, err = peltier("invert", tmp_path / "model.toml", tmp_path / "target.csv")
+    assert status == 2
+    assert "film.operators.0.wieght: unknown key; did you mean 'weight'?" in err
+
+
+def test_of_joint_records_the_one_without_a_current_is_named(peltier: Peltier, tmp_path: Path) -> None:
+    rows = "".join(f"{k},{25.0 + 0.1 * k},{5e4 * 10.0 ** (-0.03 * k)},0.5\n" for k in range(60))
+    (tmp_path / "with.csv").write_text("time_s,temperature_degC,resistance_ohm,current_A\n" + rows)
+    without = "".join(f"{line.rsplit(',', 1)[0]}\n" for line in rows.splitlines())
+    (tmp_path / "without.csv").write_text("time_s,temperature_degC,resistance_ohm\n" + without)
+    status, _, err = peltier("diagnose", tmp_path / "with.csv", tmp_path / "without.csv", "--joint")
+    assert status == 2
+    assert "without.csv: current_A: missing; expected it in all records of a rig or in none" in err
+
+
+@pytest.mark.parametrize("words", [("init",), ("identify", "r", "--report"), ("diagnose", "r", "--report")])
+def test_a_file_where_a_folder_shall_be_is_told_before_any_work(
+    peltier: Peltier, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    (tmp_path / "taken").write_text("")
+    status, out, err = peltier(*words, tmp_path / "taken")
+    assert (status, out) == (2, "")
+    assert err == f"{tmp_path / 'taken'}: is a file; expected a folder\n"

@@ -1,0 +1,125 @@
+"""Drivers and emulators by name: every configuration name has both; what options change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.core.clock import VirtualClock
+from rig.drivers import registry as drivers
+from rig.ports.open import LineSettings
+from sim.instruments import registry as emulators
+from sim.instruments.instrument import Instrument
+from tests.rig.drivers.still_plant import StillPlant
+
+Attach = Callable[[Instrument], str]
+CONTROLLERS = tuple(sorted(drivers.CONTROLLERS))
+WITH_ADDRESS = ("meerstetter", "te_technology")
+METERS = tuple(sorted(drivers.METERS))
+
+
+def opened(name: str, port: str, clock: VirtualClock, **options: Any) -> Any:
+    return (drivers.open_controller if name in CONTROLLERS else drivers.open_meter)(name, port, clock, **options)
+
+
+def emulated(name: str, plant: StillPlant, **options: Any) -> Instrument:
+    make = emulators.emulated_controller if name in CONTROLLERS else emulators.emulated_meter
+    return make(name, plant, **options)
+
+
+def test_both_registries_have_the_same_names() -> None:
+    assert tuple(sorted(emulators.CONTROLLERS)) == CONTROLLERS
+    assert tuple(sorted(emulators.METERS)) == METERS
+
+
+@pytest.mark.parametrize("name", CONTROLLERS + METERS)
+def test_an_emulator_talks_at_the_speed_that_its_driver_expects(
+    attach: Attach, clock: VirtualClock, plant: StillPlant, name: str
+) -> None:
+    instrument = emulated(name, plant)
+    driver = opened(name, attach(instrument), clock)
+    assert driver.LINE.byte_s == pytest.approx(instrument._byte_s)  # type: ignore[attr-defined]
+    driver.identify()
+
+
+@pytest.mark.parametrize("name", CONTROLLERS + METERS)
+def test_baud_reaches_the_port_and_the_link(attach: Attach, clock: VirtualClock, plant: StillPlant, name: str) -> None:
+    driver = opened(name, attach(emulated(name, plant, baudrate=1200.0)), clock, baud=1200)
+    port = driver.transport.port
+    assert (port.baudrate, port.bytesize, port.parity) == (1200, driver.LINE.bytesize, driver.LINE.parity)
+    assert driver.link._byte_s == pytest.approx(driver.LINE.byte_s * driver.LINE.baudrate / 1200)
+    driver.identify()
+    if name in METERS:
+        driver.configure(True, 0.2, 1e-3)
+        driver.read()
+        assert driver.read().time_s == pytest.approx(plant.sampled_s, abs=2e-3)
+    else:
+        resolution_K = 0.33 if name == "tclab" else 0.0
+        assert driver.read_temperature().value == pytest.approx(25.0, abs=resolution_K)
+
+
+def test_a_model_has_its_own_line(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
+    address = attach(emulators.emulated_controller("te_technology", plant, model="tc-48-20"))
+    driver = drivers.open_controller("te_technology", address, clock, model="tc-48-20")
+    assert driver.transport.port.baudrate == 115200  # type: ignore[attr-defined]
+
+
+def test_framing(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
+    address = attach(emulated("hp34401a", plant))
+    port = drivers.open_meter("hp34401a", address, clock, framing="8N2", baud=4800).transport.port
+    found = LineSettings(port.baudrate, port.bytesize, port.parity, port.stopbits)  # type: ignore[attr-defined]
+    assert found == LineSettings(4800, 8, "N", 2)
+    for framing in ("8N", "9N1", "8X1", "8N3"):
+        with pytest.raises(ValueError, match="expected"):
+            LineSettings().framed(framing)
+
+
+@pytest.mark.parametrize(
+    ("line", "bits"),
+    [(LineSettings(), 10), (LineSettings(parity="E"), 11), (LineSettings(bytesize=7, parity="E", stopbits=2), 11)],
+)
+def test_time_of_a_character(line: LineSettings, bits: int) -> None:
+    assert line.byte_s == pytest.approx(bits / 9600)
+
+
+@pytest.mark.parametrize(
+    "options", [{"nonsense": 1}, {"transport": None}, {"line": LineSettings()}, {"baud": 0}, {"baud": "x"}]
+)
+@pytest.mark.parametrize("name", ["srs_ldc500", "keithley2000"])
+def test_bad_options_open_nothing(
+    attach: Attach, clock: VirtualClock, plant: StillPlant, name: str, options: dict[str, Any]
+) -> None:
+    address = attach(emulated(name, plant))
+    with pytest.raises(ValueError, match=r"no option|expected"):
+        opened(name, address, clock, **options)
+    opened(name, address, clock)
+
+
+def test_a_driver_that_refuses_its_options_lets_the_port_go(
+    attach: Attach, clock: VirtualClock, plant: StillPlant
+) -> None:
+    address = attach(emulated("srs_ldc500", plant))
+    with pytest.raises(ValueError, match="heating sign"):
+        opened("srs_ldc500", address, clock, heating_sign=2)
+    opened("srs_ldc500", address, clock)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_address_goes_to_drivers_that_have_one(
+    attach: Attach, clock: VirtualClock, plant: StillPlant, name: str
+) -> None:
+    address = attach(emulated(name, plant, **({"address": 3} if name in WITH_ADDRESS else {})))
+    if name not in WITH_ADDRESS:
+        with pytest.raises(ValueError, match="no option address"):
+            opened(name, address, clock, address=3)
+    else:
+        assert opened(name, address, clock, address=3).read_temperature().value == 25.0
+
+
+def test_unknown_names() -> None:
+    with pytest.raises(ValueError, match=", ".join(METERS)):
+        drivers.open_meter("fluke", "sim://x", VirtualClock())
+    with pytest.raises(KeyError):
+        emulators.emulated_meter("fluke", StillPlant())

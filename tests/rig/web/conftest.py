@@ -1,0 +1,46 @@
+"""The page of a bench in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from tests.rig.web.fake_bench import FakeBench, Server, served
+
+
+@pytest.fixture
+def bench() -> FakeBench:
+    """A bench that idles."""
+    return FakeBench()
+
+
+@pytest.fixture
+def server(bench: FakeBench) -> Iterator[Server]:
+    """The bench, served."""
+    with served(bench) as one:
+        yield one
+
+
+@pytest.fixture
+def open_page(browser: Any, server: Server) -> Iterator[Callable[..., Any]]:
+    """Open the page; a script's error or a breach of the page's policy fails the test, any request off it too."""
+    contexts, complaints = [], []
+
+    def open_one(width: int = 1280, height: int = 900, **settings: Any) -> Any:
+        context = browser.new_context(viewport={"width": width, "height": height}, **settings)
+        context.set_default_timeout(10_000)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda fault: complaints.append(f"error: {fault}"))
+        page.on("console", lambda said: "Content Security" in said.text and complaints.append(said.text))
+        ours = (server.address, f"http://127.0.0.1:{server.bench.stop_port}/api/stop")
+        page.on("request", lambda asked: asked.url.startswith(ours) or complaints.append(f"asks {asked.url}"))
+        page.goto(server.address)
+        return page
+
+    yield open_one
+    for context in contexts:
+        context.close()
+    assert not complaints

@@ -1,0 +1,5 @@
+"""The still world that the drivers' tests have."""
+
+from tests.rig.conftest import attach, clock, plant
+
+__all__ = ["attach", "clock", "plant"]
