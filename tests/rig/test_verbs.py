@@ -27,7 +27,7 @@ def test_init_writes_configurations_that_load(peltier: Peltier, tmp_path: Path) 
     status, out, _ = peltier("init", tmp_path / "new")
     assert status == 0
     paths = [Path(line) for line in out.splitlines()]
-    assert {path.name for path in paths} == {"heater.toml", "rig.toml", "simulated.toml"}
+    assert {path.name for path in paths} == {"demo.toml", "heater.toml", "rig.toml", "simulated.toml"}
     for path in paths:
         read_configuration(path)
     paths[0].write_text("mine")
