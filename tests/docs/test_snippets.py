@@ -55,7 +55,6 @@ COMMAND = re.compile(
 NOT_RUN = re.compile(r"#.*not run by the tests: \S+|\(not run by the tests: \S+")
 LASTING = ("serve", "emulate", "epics", "overview")  # verbs that go on until they are stopped
 OTHER = {  # indented blocks that are for reading: a page's name and how the block begins
-    "README.md": ["compensator/"],
     "docs/epics.md": ["epics RIG ca"],
     "docs/many.md": ["Meerstetter TEC-1091"],
     "docs/own_effect.md": ["dT_p/dt"],
@@ -198,8 +197,11 @@ class Bench:
             if path == "mirror.csv":
                 of_degC = {"temperature_degC": degC, "transmission_percent": 40.0 - 20.0 * np.tanh(0.2 * (degC - 62.0))}
             columns = {"time_s": np.arange(300.0), **of_degC}
-        elif self.page == "README.md" and "record" in self.names:
-            columns = {name: values[:480] for name, values in self.names["record"].columns.items()}
+        elif self.page == "README.md":
+            tables = rig.simulated_rig()
+            target = ["start 1.1 A", "hold 60 s", "sine 1.5 A period 240 s for 180 s"]
+            tables["experiment"] = {"kind": "current_profile", "period_s": 0.5, "target": target}
+            columns = dict(rig.simulate(tables).record.columns)
         for one in ("evening/a.csv", "evening/b.csv") if "*" in path else (path,):
             Path(one).parent.mkdir(exist_ok=True)
             write_columns(Path(one), columns)
