@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 import sys
 from functools import cache
 from pathlib import Path
@@ -93,7 +94,6 @@ PAGES: dict[str, Page] = {
             "compensator.control.Law",
             "compensator.control.Inputs",
             "compensator.control.Command",
-            "compensator.control.LawState: memory disturbance",
             "rig.control.Decision:",
         ),
     ),
@@ -119,14 +119,10 @@ PAGES: dict[str, Page] = {
         (
             "rig.drivers.TemperatureController",
             "rig.drivers.Status",
-            "rig.drivers.OwnLimits:",
             "rig.drivers.Meter",
-            "rig.drivers.Averaging:",
             "rig.core.Reading",
             "rig.core.Quality",
             "rig.drivers.confirmed_off",
-            "rig.drivers.wait_until",
-            "rig.drivers.resistance_reading",
             "rig.core.TimedOut",
             "rig.core.Corrupt",
             "rig.core.OutOfStep",
@@ -158,8 +154,15 @@ def definition(name: str) -> ast.ClassDef | Function:
     return nodes[0]
 
 
-def docstring(node: ast.Module | ast.ClassDef | Function) -> str:
-    return inspect.cleandoc(ast.get_docstring(node, clean=False) or "")
+def docstring(node: ast.ClassDef | Function) -> str:
+    """Return a docstring as Markdown: a section of numpydoc becomes a list."""
+    text = inspect.cleandoc(ast.get_docstring(node, clean=False) or "")
+    text, *sections = re.split(r"\n(\w[\w ]*)\n-{3,}\n", text)
+    for title, body in zip(sections[::2], sections[1::2], strict=True):
+        items = re.split(r"\n(?=\S)", body.strip())
+        lines = (re.sub(r"^([\w, *]+?) :(?:\s+|$)", r"`\1`: ", " ".join(item.split())) for item in items)
+        text += f"\n{title}:\n\n" + "".join(f"- {line}\n" for line in lines)
+    return text.rstrip()
 
 
 def decorators(node: ast.ClassDef | Function) -> set[str]:

@@ -220,7 +220,7 @@ def openings(film: Callable[[Array], Array], centres: Array) -> Array:
 
 
 def congruency() -> Figure:
-    """Two loops between the same temperatures; and how open minor loops are, with one pair of envelopes and with a density."""
+    """Two loops between the same temperatures; how open minor loops are, with one pair of envelopes and a density."""
     figure, (same, wide) = panels(1, 2, 4.2)
     low, high = 59.0, 65.0
     v, u, cold = over(FILM, [30.0, 90.0, 30.0], FILM.initial_memory(30.0, "heated"))

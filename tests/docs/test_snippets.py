@@ -57,6 +57,7 @@ LASTING = ("serve", "emulate", "epics", "overview")  # verbs that go on until th
 OTHER = {  # indented blocks that are for reading: a page's name and how the block begins
     "docs/epics.md": ["epics RIG ca"],
     "docs/many.md": ["Meerstetter TEC-1091"],
+    "docs/own_driver.md": ["def _ask"],
     "docs/own_effect.md": ["dT_p/dt"],
     "docs/records.md": ["--column OURS", "film: transition", "temperature_degC: rows 367"],
     "docs/targets.md": ["rig.toml: experiment.target"],
@@ -127,6 +128,8 @@ class Bench:
             self.write_record(path, "identify film.csv" in line or "mirror" in path)
         if re.search(r"\bmodel\.toml", line):
             shutil.copy("report/model.toml", "model.toml")  # what the page wrote
+        if "bath.toml" in line:
+            shutil.copy(ROOT / "docs" / "bath.py", "bath.py")
         if "trend runs/" in line:
             self.write_bench(Path("made"), "current_profile")
             assert main(["run", "made/bench.toml", "--out", "runs/first"]) == 0

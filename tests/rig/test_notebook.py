@@ -193,7 +193,7 @@ def test_a_run_and_a_calibration_in_one_line(bench_file: Path, tmp_path: Path) -
     """Whoever has a configuration writes no block; what the block refuses is refused all the same."""
     done = rig.run(bench_file, tmp_path / "run", target=["start 20 kohm", "hold 2 s"])
     assert done.scores[0].rms < 0.05
-    with pytest.raises(rig.Faults, match="is there already|exists"):
+    with pytest.raises(rig.Faults, match=r"is there already|exists"):
         rig.calibrate(bench_file, tmp_path / "run")
 
 
