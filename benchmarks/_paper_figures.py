@@ -113,7 +113,7 @@ def _figure_5(found: Fits) -> Figure:
     figure, axes = _panels(1, 1, 3.6, caption)
     for name, colour in (("generalized", GENERALIZED), ("extended", EXTENDED), ("default", INK)):
         error = found.predicted[name] - found.random_output
-        label = f"{name}{' of this program: mixed envelopes' if name == 'default' else ''}, RMSE {_rms(error):.4f} dec"
+        label = f"{name}{' of this program: Preisach density' if name == 'default' else ''}, RMSE {_rms(error):.4f} dec"
         axes[0].plot(error, color=colour, linewidth=1.0, label=label)
     axes[0].set_xlabel("sample")
     axes[0].set_ylabel("model - film / dec")

@@ -33,11 +33,11 @@ def modelling(found: studies.Fits) -> list[Row]:
         ("fig 3: generalized, RMSE / largest, dec", "0.031 / 0.082", f"{g[0]:.4f} / {g[1]:.3f}", FITTED),
         ("fig 3: extended, RMSE / largest, dec", "0.012 / 0.041", f"{e[0]:.4f} / {e[1]:.3f}", FITTED),
         ("fig 3: generalized over extended, RMSE", "2.6", f"{g[0] / e[0]:.1f}", ""),
-        ("fig 3: this program's default (mixed envelopes)", "-", f"{d[0]:.4f} / {d[1]:.3f}", "not in the paper"),
+        ("fig 3: this program's default (Preisach density)", "-", f"{d[0]:.4f} / {d[1]:.3f}", "not in the paper"),
         ("fig 5: generalized, RMSE / mean |error|, dec", "0.034 / 0.027", f"{g[2]:.4f} / {g[3]:.4f}", FITTED),
         ("fig 5: extended, RMSE / mean |error|, dec", "0.012 / 0.009", f"{e[2]:.4f} / {e[3]:.4f}", FITTED),
         ("fig 5: generalized over extended, RMSE", "2.8", f"{g[2] / e[2]:.1f}", ""),
-        ("fig 5: this program's default (mixed envelopes)", "-", f"{d[2]:.4f} / {d[3]:.4f}", "not in the paper"),
+        ("fig 5: this program's default (Preisach density)", "-", f"{d[2]:.4f} / {d[3]:.4f}", "not in the paper"),
     ]
 
 

@@ -220,7 +220,7 @@ def openings(film: Callable[[Array], Array], centres: Array) -> Array:
 
 
 def congruency() -> Figure:
-    """Two loops between the same temperatures; and how open minor loops are, with common and with mixed envelopes."""
+    """Two loops between the same temperatures; how open minor loops are, with one pair of envelopes and a density."""
     figure, (same, wide) = panels(1, 2, 4.2)
     low, high = 59.0, 65.0
     v, u, cold = over(FILM, [30.0, 90.0, 30.0], FILM.initial_memory(30.0, "heated"))
@@ -238,8 +238,8 @@ def congruency() -> Figure:
     u, centres = Relays()(v), np.linspace(48.0, 74.0, 53)
     wide.plot(centres, openings(lambda x: Relays()(x), centres), color=BLUE, lw=3.0, label="film of relays")
     for kind, colour, name in (
-        ("extended_generalized_pi", GOLD, "common envelopes"),
-        ("mixed_envelopes", RED, "mixed envelopes"),
+        ("extended_generalized_pi", GOLD, "one pair of envelopes"),
+        ("mixed_envelopes", RED, "with a Preisach density"),
     ):
         time_s = np.arange(v.size, dtype=np.float64)
         film = identify_film(time_s, v, u, kind=kind, initial="heated", temperature_noise_K=0.0).model  # type: ignore[arg-type]

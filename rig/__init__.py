@@ -3,7 +3,7 @@
     record = rig.read_record("film.csv")          # or arrays by name, or a data frame
     found = rig.identify(record)                  # film, plate, transition, with error bars
     rig.predict(found, "other.csv"), rig.invert(found, [8e3, 12e3]), rig.diagnose(record)
-    rig.simulate(tables), rig.open_bench("rig.toml")
+    rig.simulate(tables), rig.run("rig.toml"), rig.open_bench("rig.toml")
 
 docs/python.md is an hour with them. A name is loaded when it is first used, so that
 `import rig` costs nothing.
@@ -18,7 +18,7 @@ from compensator import listeners
 if TYPE_CHECKING:
     from rig.config.model_file import Model
     from rig.core.faults import Faults
-    from rig.notebook.bench import open_bench
+    from rig.notebook.bench import calibrate, open_bench, run
     from rig.notebook.diagnosis import diagnose
     from rig.notebook.identification import identify
     from rig.notebook.inversion import invert
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from rig.records.record import Record
     from rig.rehearsal.simulated import simulated_rig
     from rig.version import __version__
+    from sim.effects.effect import Effect
 
 
 def _to_stderr(line: str) -> None:
@@ -38,9 +39,11 @@ def _to_stderr(line: str) -> None:
 listeners.append(_to_stderr)  # that loops are compiled
 _PLACES = {
     "__version__": "version",
+    "Effect": "sim.effects.effect",
     "Faults": "core.faults",
     "Model": "config.model_file",
     "Record": "records.record",
+    "calibrate": "notebook.bench",
     "diagnose": "notebook.diagnosis",
     "identify": "notebook.identification",
     "invert": "notebook.inversion",
@@ -48,15 +51,18 @@ _PLACES = {
     "predict": "notebook.prediction",
     "read_model": "notebook.models",
     "read_record": "notebook.records",
+    "run": "notebook.bench",
     "simulate": "notebook.simulation",
     "simulated_rig": "rehearsal.simulated",
     "write_model": "notebook.models",
 }
 __all__ = [
+    "Effect",
     "Faults",
     "Model",
     "Record",
     "__version__",
+    "calibrate",
     "diagnose",
     "identify",
     "invert",
@@ -64,6 +70,7 @@ __all__ = [
     "predict",
     "read_model",
     "read_record",
+    "run",
     "simulate",
     "simulated_rig",
     "write_model",
@@ -73,7 +80,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module 'rig' has no attribute {name!r}")
-    value = getattr(import_module(f"rig.{_PLACES[name]}"), name)
+    place = _PLACES[name]
+    value = getattr(import_module(place if place.startswith("sim.") else f"rig.{place}"), name)
     globals()[name] = value
     return value
 

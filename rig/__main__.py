@@ -22,26 +22,26 @@ VERBS = {
     "calibrate": "measure a film and its plate, and write their model",
     "identify": "fit film and plate models to records",
     "predict": "compare a model with a record that it was not fitted to",
-    "diagnose": "what the simulation gets wrong, why, and what the repair gains",
-    "invert": "temperatures for a desired resistance",
-    "simulate": "the experiment on the simulated rig, with effects switched on",
-    "sweep": "many simulated experiments, a table of what came out",
-    "improve": "diagnose a run, extend its model, run again, say what it gained",
-    "trend": "which effects, how large, since when, over the runs in a folder",
-    "replay": "the law again over a recorded run, or another configuration on its twin",
-    "report": "the report of a run folder, one that ended early too",
-    "tune": "PID gains from the plate model, with margins",
-    "precompile": "compile ahead what would be compiled at the first use",
-    "ports": "what is attached",
-    "check": "does it answer, and is it what the configuration says",
-    "emulate": "simulated instruments on pseudo-terminals",
-    "serve": "the bench daemon: queue, history, page",
-    "epics": "an EPICS server beside the daemon",
-    "overview": "one page for several daemons, with a STOP for each",
-    "status": "what the bench daemon's bench is doing",
-    "watch": "the same as a live table",
-    "stop": "output off, the running job and the queue ended",
-    "off": "output off, with a daemon or without",
+    "diagnose": "find what the simulation of the rig gets wrong, and why",
+    "invert": "compute temperatures for a wanted resistance",
+    "simulate": "run the experiment on the simulated rig, with any effects",
+    "sweep": "run many simulated experiments, and tabulate the results",
+    "improve": "diagnose a run, extend its model, run again, and compare",
+    "trend": "find which effects the runs in a folder show, and since when",
+    "replay": "run the law again over a recorded run, or another configuration on its twin",
+    "report": "draw the report of a run folder, also of a run that ended early",
+    "tune": "compute PID gains from the plate model, and the law's margins",
+    "precompile": "compile now what would be compiled at the first use",
+    "ports": "list the attached instruments",
+    "check": "ask the instruments: do they answer, do they match the configuration",
+    "emulate": "put simulated instruments on pseudo-terminals",
+    "serve": "run the bench daemon: queue, history, page",
+    "epics": "run an EPICS server beside the daemon",
+    "overview": "serve one page for several daemons, with a STOP for each",
+    "status": "show what the daemon's bench is doing",
+    "watch": "show the same as a live table",
+    "stop": "switch the output off, end the running job, empty the queue",
+    "off": "switch the output off, with or without a daemon",
     "reset": "clear a latched trip or stop, with a reason",
 }
 SWITCH_OFF = ("stop", "off")  # whatever stands in their way, the output is not confirmed off
@@ -65,7 +65,10 @@ def main(arguments: list[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name may be no text, as stderr knows already
     if not words or words[0] in ("-h", "--help", "help"):
-        print(overview())
+        try:
+            print(overview(), flush=True)
+        except BrokenPipeError:  # its reader has gone, as in `| head`; what is still in the buffer goes nowhere
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0 if words else 2
     if words[0] == "--version":
         from rig.version import __version__

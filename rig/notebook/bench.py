@@ -26,7 +26,8 @@ from rig.core.reading import Reading
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, settled_reading
-from rig.experiment.session import Session, calibrate, run_on
+from rig.experiment import session
+from rig.experiment.session import Session, run_on
 from rig.experiment.wanted import wanted
 from rig.guard.needed import require_who_switches_off
 from rig.guard.pipe import UNGUARDED
@@ -109,7 +110,7 @@ class OpenBench:
         the run folder as MODEL.toml. Raises as `run`."""
         path = Path(out) if out is not None else default_folder("calibration")
         with prepared_folder(path), _interrupted() as signals:
-            found = calibrate(Session(self._bench, self._file, signals, say, report=write_live_report), path)
+            found = session.calibrate(Session(self._bench, self._file, signals, say, report=write_live_report), path)
         return Run(path, read_record(path / "record.csv"), (), found.model)
 
     def _with(self, experiment: Mapping[str, Any]) -> ConfigurationFile:
@@ -148,6 +149,33 @@ def open_bench(
             error.add_note("OUTPUT NOT CONFIRMED OFF. Switch the controller off by hand.")
             raise
         signals.expose()
+
+
+def run(
+    configuration: str | PathLike[str] | Mapping[str, Any],
+    out: Path | str | None = None,
+    say: Say = lambda text: None,
+    *,
+    unguarded: bool = False,
+    **experiment: Any,
+) -> Run:
+    """Run a configuration's experiment; the output is off, confirmed, when it returns. As `open_bench`, and in the
+    block `OpenBench.run`, which say what the arguments are and what is raised."""
+    with open_bench(configuration, unguarded=unguarded) as bench:
+        return bench.run(out, say, **experiment)
+
+
+def calibrate(
+    configuration: str | PathLike[str] | Mapping[str, Any],
+    out: Path | str | None = None,
+    say: Say = lambda text: None,
+    *,
+    unguarded: bool = False,
+) -> Run:
+    """Measure film and plate with a configuration's [calibration]; `Run.model` is their model. The output is off,
+    confirmed, when it returns. As `open_bench`, and in the block `OpenBench.calibrate`."""
+    with open_bench(configuration, unguarded=unguarded) as bench:
+        return bench.calibrate(out, say)
 
 
 @contextmanager

@@ -55,9 +55,10 @@ COMMAND = re.compile(
 NOT_RUN = re.compile(r"#.*not run by the tests: \S+|\(not run by the tests: \S+")
 LASTING = ("serve", "emulate", "epics", "overview")  # verbs that go on until they are stopped
 OTHER = {  # indented blocks that are for reading: a page's name and how the block begins
-    "README.md": ["compensator/"],
+    "docs/diagnosis.md": ["Explained: the film"],
     "docs/epics.md": ["epics RIG ca"],
     "docs/many.md": ["Meerstetter TEC-1091"],
+    "docs/own_driver.md": ["def _ask"],
     "docs/own_effect.md": ["dT_p/dt"],
     "docs/records.md": ["--column OURS", "film: transition", "temperature_degC: rows 367"],
     "docs/targets.md": ["rig.toml: experiment.target"],
@@ -128,6 +129,8 @@ class Bench:
             self.write_record(path, "identify film.csv" in line or "mirror" in path)
         if re.search(r"\bmodel\.toml", line):
             shutil.copy("report/model.toml", "model.toml")  # what the page wrote
+        if "bath.toml" in line:
+            shutil.copy(ROOT / "docs" / "bath.py", "bath.py")
         if "trend runs/" in line:
             self.write_bench(Path("made"), "current_profile")
             assert main(["run", "made/bench.toml", "--out", "runs/first"]) == 0
@@ -198,8 +201,11 @@ class Bench:
             if path == "mirror.csv":
                 of_degC = {"temperature_degC": degC, "transmission_percent": 40.0 - 20.0 * np.tanh(0.2 * (degC - 62.0))}
             columns = {"time_s": np.arange(300.0), **of_degC}
-        elif self.page == "README.md" and "record" in self.names:
-            columns = {name: values[:480] for name, values in self.names["record"].columns.items()}
+        elif self.page == "README.md":
+            tables = rig.simulated_rig()
+            target = ["start 1.1 A", "hold 60 s", "sine 1.5 A period 240 s for 180 s"]
+            tables["experiment"] = {"kind": "current_profile", "period_s": 0.5, "target": target}
+            columns = dict(rig.simulate(tables).record.columns)
         for one in ("evening/a.csv", "evening/b.csv") if "*" in path else (path,):
             Path(one).parent.mkdir(exist_ok=True)
             write_columns(Path(one), columns)

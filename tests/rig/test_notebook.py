@@ -54,12 +54,13 @@ def test_import_is_light() -> None:
 def test_every_name_has_an_example_that_runs_and_a_docstring(root: Path) -> None:
     blocks = re.findall(r"^```python\n(.*?)^```", (root / "docs" / "python.md").read_text("utf-8"), re.M | re.S)
     code = "\n".join(blocks)
+    reference = "".join(page.read_text("utf-8") for page in (root / "docs" / "api").glob("*.md"))
     for name in rig.__all__:
         assert re.search(rf"\brig\.{name}\b", code), name
         value = getattr(rig, name)
         if callable(value):
             assert inspect.getdoc(value), name
-            assert (root / "docs" / "api" / f"{value.__module__}.md").is_file(), name
+            assert f"\n## {value.__name__}\n" in reference, name
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         rig.nothing  # noqa: B018
 
@@ -186,6 +187,14 @@ def test_read_and_run(bench_file: Path, tmp_path: Path) -> None:
     assert done.scores[0].rms < 0.05
     with pytest.raises(rig.Faults, match=r"experiment\.law"), rig.open_bench(bench_file) as bench:
         bench.run(law="nothing")
+
+
+def test_a_run_and_a_calibration_in_one_line(bench_file: Path, tmp_path: Path) -> None:
+    """Whoever has a configuration writes no block; what the block refuses is refused all the same."""
+    done = rig.run(bench_file, tmp_path / "run", target=["start 20 kohm", "hold 2 s"])
+    assert done.scores[0].rms < 0.05
+    with pytest.raises(rig.Faults, match=r"is there already|exists"):
+        rig.calibrate(bench_file, tmp_path / "run")
 
 
 class Surprise(BaseException):

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import shlex
+import subprocess
+import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,7 +31,7 @@ def test_init_writes_configurations_that_load(peltier: Peltier, tmp_path: Path) 
     status, out, _ = peltier("init", tmp_path / "new")
     assert status == 0
     paths = [Path(line) for line in out.splitlines()]
-    assert {path.name for path in paths} == {"heater.toml", "rig.toml", "simulated.toml"}
+    assert {path.name for path in paths} == {"demo.toml", "heater.toml", "rig.toml", "simulated.toml"}
     for path in paths:
         read_configuration(path)
     paths[0].write_text("mine")
@@ -35,6 +39,14 @@ def test_init_writes_configurations_that_load(peltier: Peltier, tmp_path: Path) 
     assert status == 2
     assert "exists" in err
     assert paths[0].read_text() == "mine"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a shell with head")
+def test_the_overview_loses_its_reader_in_silence() -> None:
+    """Whoever types `peltier --help | head` saw a traceback where lines are not buffered."""
+    typed = f"{shlex.quote(sys.executable)} -u -m rig --help | head -1"
+    done = subprocess.run(typed, shell=True, capture_output=True, text=True, check=False)
+    assert (done.stdout[:20], done.stderr) == ("usage: peltier VERB ", "")
 
 
 def test_tune_tells_gains_and_margins(peltier: Peltier, tmp_path: Path) -> None:

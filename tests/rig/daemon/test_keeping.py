@@ -214,7 +214,7 @@ def test_a_hold_runs_through_the_same_door(bench: RunningBench) -> None:
 
 def test_the_procedure_for_pymeasure_does_what_the_page_says(bench: RunningBench, root: Path) -> None:
     pytest.importorskip("pymeasure")
-    text = (root / "docs" / "pymeasure.md").read_text()
+    text = (root / "docs" / "own_law.md").read_text()
     blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     (block,) = [block for block in blocks if "class Staircase" in block]
     bench.serve()

@@ -1,8 +1,7 @@
-"""A driver of the user's own, as docs/own_driver.md prints it: by name, with faults told, on a foreign simulator."""
+"""A user-defined driver, docs/bath.py of docs/own_driver.md: by name, with faults told, on a foreign simulator."""
 
 from __future__ import annotations
 
-import re
 import shutil
 import socket
 import subprocess
@@ -41,12 +40,8 @@ kind = "hold"
 
 @pytest.fixture
 def bath_file(tmp_path: Path) -> Path:
-    """The driver that the page prints, in a file."""
-    block = re.search(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    assert block is not None
-    path = tmp_path / "bath.py"
-    path.write_text(block[1], encoding="utf-8")
-    return path
+    """The driver of the page, beside a configuration."""
+    return shutil.copy(PAGE.with_name("bath.py"), tmp_path / "bath.py")
 
 
 class Bath(Answering):
