@@ -200,23 +200,15 @@ class Search:
                 better = self.keep(remembered(found))
                 better = self.likelier_module(better) if found.effects[-1].link == "plate" else better
                 better = self.pruned(better)
-            left = isinstance(fit.joint.film, PIFilm) and "output" in left_over(better or fit)
-            if better is None and left and not anew:
-                again, anew = restarted(fit), True
-                if again.log_likelihood > fit.log_likelihood + WORTH:
-                    better = self.keep(again)
-                    left = "output" in left_over(better)
-            if (
-                better is None and left and films < MOST_FILMS
-            ):  # a film of another kind, without the effects that may stand in for it
-                films += 1
-                other = self.of_another_kind(better or fit)
-                if self.worth_of_film(other) > self.worth_of_film(better or fit):
-                    better = self.pruned(self.renewed(other))
-            if better is None and films and not plain and not isinstance(fit.joint.film, PIFilm):
-                other, plain = with_pi_film(fit), True  # the effects that are known now may be what the other film did
-                if self.worth_of_film(other) > self.worth_of_film(fit):
-                    better = self.pruned(self.renewed(other))
+            if better is None and isinstance(fit.joint.film, PIFilm) and "output" in left_over(fit):
+                if not anew:
+                    again, anew = restarted(fit), True
+                    better = self.keep(again) if again.log_likelihood > fit.log_likelihood + WORTH else None
+                if better is None and films < MOST_FILMS:  # without the effects that may stand in for the film, too
+                    other, films = self.of_another_kind(fit), films + 1
+                    better = self.of_film(other, fit)
+            elif better is None and films and not plain:  # what is known now may be what the other film did
+                better, plain = self.of_film(with_pi_film(fit), fit), True
             if better is None:
                 break
             fit = better
@@ -233,10 +225,13 @@ class Search:
             self.say(f"    Preisach film: {described(other)}")
         return max(fits, key=self.worth_of_film)
 
-    def renewed(self, fit: Fit) -> Fit:
-        """The fit of another film; what was known with the one before is forgotten."""
+    def of_film(self, other: Fit, fit: Fit) -> Fit | None:
+        """The fit with another form of film, if that has more evidence; what was known with the one before is
+        forgotten then."""
+        if self.worth_of_film(other) <= self.worth_of_film(fit):
+            return None
         self.table.clear()
-        return self.keep(fit)
+        return self.pruned(self.keep(other))
 
     def pruned(self, fit: Fit) -> Fit:
         """The fit without effects that are no longer worth their price."""
