@@ -52,9 +52,8 @@ def judged(
     all_sizes = intervals(fit)
     vague = [name for name in less if _is_vague(all_sizes[name])]
     left = left_over(fit)
-    if (
-        record.early > 0.0
-    ):  # what the current did between the rows is unknown, and the plate's path follows the readings
+    if record.early > 0.0:
+        # a current that changed between the rows is in none of them, and its heat is no residual structure
         left.pop("temperature", None)
     say("held-out rows")
     before, after = errors_in(base, record.held_out), errors_in(fit, record.held_out)
@@ -82,7 +81,8 @@ def judged(
     candidates: tuple[Candidate, ...] = ()
     if not over():
         say("candidates")
-        candidates = _candidates(record, search, fit, after, {**refused, **dict.fromkeys(vague, NOT_NAMED_VAGUE)}, own)
+        likely = [_likely(name, all_sizes[name], rest[name], after, fit, record, own) for name in vague if name in rest]
+        candidates = (*likely, *_candidates(record, search, fit, after, refused, own))
     names = [f.name for f in findings]
     next_experiment = next_experiments(
         dict(known),
@@ -214,6 +214,23 @@ def _channel(
     size, counted = own.size(channel), judging & np.isfinite(after) & np.isfinite(before)
     white = math.hypot(noise.noise.white, rounding, coloured)
     return Channel(size * white, size * rms(before[counted]), size * rms(after[counted]), int(np.sum(counted)))
+
+
+def _likely(
+    name: str,
+    sizes: Sizes,
+    without: Mapping[str, Array],
+    after: Mapping[str, Array],
+    fit: Fit,
+    record: Record,
+    own: _Units,
+) -> Candidate:
+    """Return an effect whose evidence holds, and whose size the record does not fix."""
+    gains = {own.key(c): own.gain(c, without[c], after[c], record) for c in after}
+    before = {c: g.rmse_before for c, g in gains.items()}
+    found = {c: g.rmse_after for c, g in gains.items()}
+    less = {c: g.reduction_ci95 for c, g in gains.items()}
+    return Candidate((name,), {name: sizes}, before, found, less, NOT_NAMED_VAGUE, fit)
 
 
 def _candidates(
