@@ -107,7 +107,7 @@ def named(finding: Finding, diagnosis: Diagnosis) -> str:
 def _unseen(diagnosis: Diagnosis) -> str:
     """Return what may be there all the same, of any typical size."""
     names = [limit.name for limit in diagnosis.limits if limit.allows_all_typical]
-    return f"; {listed(names)} would not have shown in this record at a typical size" if names else ""
+    return f"; {listed(names)} would not show in this record at any typical size" if names else ""
 
 
 def _elsewhere(diagnosis: Diagnosis) -> str:
@@ -293,9 +293,9 @@ def limit_lines(diagnosis: Diagnosis) -> list[str]:
     """Return which effects the record excludes, which it allows up to a size, and which may be there in any typical
     size. An effect that may stand in for a named one is listed there."""
     kinds: dict[str, list[str]] = {
-        "excluded in any typical size (at 95 %)": [],
-        "not seen, and at 95 % no larger than": [],
-        "would not have shown in any typical size": [],
+        "excluded at every typical size (95 %)": [],
+        "not seen; largest size that is still possible (95 %)": [],
+        "would not have shown at any typical size": [],
     }
     whole, to_a_size, unseen = kinds.values()
     instead = {name for finding in diagnosis.findings for name in finding.indistinguishable_from}

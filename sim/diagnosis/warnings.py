@@ -56,8 +56,8 @@ def _hidden(limit: UpperLimit, known: dict[str, Effect]) -> bool:
 
 def _absorbed(limit: UpperLimit) -> Caution:
     side = "above" if limit.from_below else "below"
-    size = "any typical size" if limit.limit is None else f"{limit.parameter} {side} {rough(limit.limit)}"
-    text = f"{limit.name}: would not have shown with {size}: the film's own shape absorbs it"
+    size = "of any typical size" if limit.limit is None else f"with {limit.parameter} {side} {rough(limit.limit)}"
+    text = f"{limit.name} {size} would not show: the film's own shape absorbs it"
     return Caution("absorbed_by_the_film", text)
 
 

@@ -24,7 +24,7 @@ EFFECT = Effect(
     "film",
     (Parameter("drift_K_per_h", 0.1, 3.0, signed=True),),
     Warming(add),
-    "the film's transition walks",
+    "the film's transition drifts",
     "repeat the first cycle at the end (A-B-A); a second thermometer tells the film from the sensor",
     order=2,
 )

@@ -25,6 +25,6 @@ EFFECT = Effect(
     "film",
     (Parameter("tau_s", 0.2, 10.0),),
     Filter(run, "film_temperature"),
-    "the film's temperature follows the plate's late",
+    "the film lags behind the plate",
     "better thermal contact of the substrate; slower ramps",
 )

@@ -41,7 +41,7 @@ EFFECT = Effect(
     "plate",
     (Parameter("sink_capacity_ratio", 3.0, 30.0), Parameter("sink_conductance_ratio_per_s", 0.02, 0.5)),
     HeatFlow(plate_rate, own_rate),
-    "the far side of the element is no fixed temperature: its heat sink warms up",
+    "the heat sink warms up",
     "log the sink's temperature; a larger sink, a fan or water",
     inverse=True,
 )

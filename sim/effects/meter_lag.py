@@ -31,7 +31,7 @@ EFFECT = Effect(
     "ohmmeter",
     (Parameter("tau_s", 0.2, 10.0),),
     Filter(run, "log_resistance", run_columns),
-    "the ohmmeter follows the resistance late",
+    "the ohmmeter lags behind the resistance",
     "switch the meter's filter off, integrate for a shorter time, shorter cables",
     order=2,
 )

@@ -23,7 +23,7 @@ EFFECT = Effect(
     "ohmmeter",
     (Parameter("leakage_ohm", 1e5, 1e9),),
     Reading(read),
-    "a leakage path lies across the film",
+    "a leakage path is in parallel to the film",
     "clean and dry the sample holder; a guard; measure it with the film taken off",
     order=1,
     inverse=True,

@@ -25,6 +25,6 @@ EFFECT = Effect(
     "thermometer",
     (Parameter("tau_s", 0.2, 30.0),),
     Filter(run, "thermometer"),
-    "the thermometer follows the plate late",
+    "the thermometer lags behind the plate",
     "bring the thermometer closer to the film; heat-conducting paste; measure slowly",
 )

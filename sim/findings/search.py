@@ -90,10 +90,8 @@ class Search:
             stands_for = fit.log_likelihood - fit.joint.log_likelihood(at, metric)
             for start in self.promising(ranked, fit, max(stands_for, 0.0)):
                 tried.append(self.fitted(fit, start.scaled(), metric))
-                self.say(
-                    f"    + {start.effect.name} {start.values} promised {start.promised:.1f} "
-                    f"gains {tried[-1].log_likelihood - fit.log_likelihood:.1f} {tried[-1].values()[start.effect.name]}"
-                )
+                gain = tried[-1].log_likelihood - fit.log_likelihood
+                self.say(f"tried {described(start.effect, tried[-1])}: log-likelihood {gain:+.0f}")
         tried.sort(key=self.value, reverse=True)
         fits = [again for again in map(self.finished, tried[:FINISHED]) if again is not None]
         return max(fits, key=self.value, default=None)
@@ -191,7 +189,7 @@ class Search:
     def run(self, fit: Fit) -> Fit:
         """The best set and form of film, from a fit on."""
         self.keep(fit)
-        self.say(described(fit))
+        self.say(f"set: {named(fit)}")
         anew, plain, films = False, False, 0
         while len(fit.effects) < MOST_EFFECTS + len(self.assumed) and not self.over():
             found = self.add(fit)
@@ -212,7 +210,7 @@ class Search:
             if better is None:
                 break
             fit = better
-            self.say(described(fit))
+            self.say(f"set: {named(fit)}")
         return self.exchanged(fit)
 
     def of_another_kind(self, fit: Fit) -> Fit:
@@ -222,7 +220,7 @@ class Search:
         smooth = [with_preisach_film(fit, effects) for effects in dict.fromkeys(sets)]
         fits = [*smooth, *(in_domains(other) for other in smooth if "output" in left_over(other))]
         for other in fits:
-            self.say(f"    Preisach film: {described(other)}")
+            self.say(f"tried a Preisach film with: {named(other)}")
         return max(fits, key=self.worth_of_film)
 
     def of_film(self, other: Fit, fit: Fit) -> Fit | None:
@@ -240,7 +238,7 @@ class Search:
             weakest, effect = min(less, key=lambda pair: self.gain(fit, pair[0]) - self.cost_of(fit, [pair[1]]))
             if self.gain(fit, weakest) >= self.cost_of(fit, [effect]):
                 break
-            self.say(f"    - {effect.name}")
+            self.say(f"without {effect.name}: worth less than its price")
             fit = weakest
         return fit
 
@@ -260,7 +258,7 @@ class Search:
         """The better of two fits."""
         if other is None or self.value(other) <= self.value(fit) + 1.0:
             return fit
-        self.say("exchanged: " + described(other))
+        self.say(f"exchanged for: {named(other)}")
         return other
 
 
@@ -317,11 +315,12 @@ def explains_most(fit: Fit, without: Fit) -> bool:
     return False
 
 
-def described(fit: Fit) -> str:
-    """A line of progress."""
-    noises = [
-        f"{c.noise.white:.4g}+{c.noise.slow:.3g}({c.noise.tau_s:.3g}s)"
-        + (f"+domains({c.noise.step:.2g})" if c.domains else "")
-        for c in fit.metric.channels
-    ]
-    return f"{fit.log_likelihood:.1f} {' '.join(noises)} {fit.values()}"
+def described(effect: Effect, fit: Fit) -> str:
+    """One of the effects of a fit with its parameters."""
+    values = ", ".join(f"{name} {value:.3g}" for name, value in fit.values()[effect.name].items())
+    return f"{effect.name} ({values})"
+
+
+def named(fit: Fit) -> str:
+    """The effects of a fit with their parameters, for a line of progress."""
+    return ", ".join(described(effect, fit) for effect in fit.effects) or "no effect"

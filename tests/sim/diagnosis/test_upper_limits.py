@@ -49,7 +49,7 @@ def test_a_limit_is_read_beside_the_usual_sizes() -> None:
     ]
     findings = [SimpleNamespace(indistinguishable_from=["lag"])]
     assert limit_lines(cast(Any, SimpleNamespace(limits=limits, findings=findings))) == [
-        "excluded in any typical size (at 95 %): sink (ratio above 300); drift (drift below 0.001 K/h)",
-        "not seen, and at 95 % no larger than: leakage (leakage above 20,000 ohm)",
-        "would not have shown in any typical size: series (series below 5,000 ohm); creep",
+        "excluded at every typical size (95 %): sink (ratio above 300); drift (drift below 0.001 K/h)",
+        "not seen; largest size that is still possible (95 %): leakage (leakage above 20,000 ohm)",
+        "would not have shown at any typical size: series (series below 5,000 ohm); creep",
     ]
