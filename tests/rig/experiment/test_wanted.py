@@ -8,7 +8,7 @@ import pytest
 
 from rig.config.configuration import read_configuration
 from rig.core.faults import Faults
-from rig.experiment.wanted import wanted
+from rig.experiment.feasibility import target_and_model
 from tests.rig.small import write_bench
 
 PROFILE = '["start 30 degC", "ramp to 70 degC at {rate} K/s", "hold 20 s", "ramp to 30 degC at {rate} K/s"]'
@@ -19,7 +19,7 @@ def told(folder: Path, target: str, kind: str) -> str:
     path = write_bench(folder, target=target)
     path.write_text(path.read_text().replace('"track_resistance"', f'"{kind}"'))
     said: list[str] = []
-    wanted(read_configuration(path), said.append)
+    target_and_model(read_configuration(path), said.append)
     return "\n".join(said)
 
 
@@ -45,7 +45,7 @@ def test_temperatures_at_which_nobody_has_measured_the_film(
     path, said = write_bench(tmp_path, target=RAMPS.format(rate=0.005)), []
     model = tmp_path / "model.toml"
     model.write_text(f"film_seen_degC = {list(seen_degC)}\n{model.read_text()}")
-    wanted(read_configuration(path), said.append)
+    target_and_model(read_configuration(path), said.append)
     assert ("beyond 40.0 to 62.0 degC, where the film was measured" in "\n".join(said)) == beyond
 
 
@@ -54,7 +54,7 @@ def test_faults_of_target_and_model_are_told_at_once(tmp_path: Path) -> None:
     model = tmp_path / "model.toml"
     model.write_text(model.read_text().replace('kind = "peltier"', 'kind = "oven"'))
     with pytest.raises(Faults) as told:
-        wanted(read_configuration(path), print)
+        target_and_model(read_configuration(path), print)
     assert len(told.value.lines) == 2
     assert "leap to 5 kohm" in told.value.lines[0]
     assert "plate.kind" in told.value.lines[1]

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from rig.batch.engine import Case, Ended, EngineChoice, each_ended, opened
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
-from rig.many.cases import Case, Ended, each_ended
-from rig.many.engine import EngineChoice, opened
 from rig.safety.signals import SignalStop
 from tests.rig.many.work import doubled, ends, fails, kills_itself, read_from, size_of, slow
 

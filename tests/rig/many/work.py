@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from rig.many.engine import given
-from rig.report.told import Told
+from rig.batch.engine import given
+from rig.report.batch import RecordReport
 
 
 def doubled(value: int) -> int:
@@ -49,7 +49,7 @@ def read_from(value: Any) -> tuple[int, int]:
     return os.getpid(), id(given(value))
 
 
-def refused(record: Any, *asked: Any) -> Told:
+def refused(record: Any, *asked: Any) -> RecordReport:
     """Two faults of a record, of which one speaks of its file twice."""
     source = given(record).source
-    return Told(faults=(f"{source}: row 3 / {source}: row 4", f"{source}: row 9"))
+    return RecordReport(faults=(f"{source}: row 3 / {source}: row 4", f"{source}: row 9"))
