@@ -13,7 +13,7 @@ import pytest
 from rig.batch.engine import EngineChoice
 from rig.records.record import Record
 from rig.report.batch import Task, each_record
-from tests.rig.many.work import refused
+from tests.rig.batch.work import refused
 
 Peltier = Callable[..., tuple[int, str, str]]
 

@@ -16,7 +16,7 @@ from rig.batch.engine import Case, Ended, EngineChoice, each_ended, opened
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
 from rig.safety.signals import SignalStop
-from tests.rig.many.work import doubled, ends, fails, kills_itself, read_from, size_of, slow
+from tests.rig.batch.work import doubled, ends, fails, kills_itself, read_from, size_of, slow
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="kills processes")
 
