@@ -144,10 +144,10 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
     """The effects that `diagnose` names in the first run; those that it found where it names none; and the model with
     them, in the folder."""
     from rig.__main__ import main
-    from rig.analysis.no_better import no_better
+    from rig.experiment.improvement import no_better
     from rig.records.film_output import FALLING_RESISTANCE
     from rig.records.record_file import read_record
-    from rig.report.told import CANDIDATE, MODEL
+    from rig.report.batch import CANDIDATE, MODEL
 
     report, err = folder / "first-diagnosis", io.StringIO()
     with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()):

@@ -27,9 +27,8 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from rig.command.many_arguments import add_engine_arguments, engine_choice  # noqa: E402
-from rig.many.cases import Case, each_ended  # noqa: E402
-from rig.many.engine import EngineChoice, opened  # noqa: E402
+from rig.batch.engine import Case, EngineChoice, each_ended, opened  # noqa: E402  # noqa: E402
+from rig.command.batch import add_engine_arguments, engine_choice  # noqa: E402
 from tests.sim.diagnosis.score import Row, confusion, coverage, wilson  # noqa: E402
 
 Job = dict[str, Any]

@@ -26,9 +26,12 @@ sys.path.insert(0, str(ROOT))
 
 import numpy as np  # noqa: E402
 
-from rig.command.many_arguments import add_engine_arguments, engine_choice  # noqa: E402
-from rig.many.cases import Case, each_ended  # noqa: E402
-from rig.many.engine import opened  # noqa: E402
+from rig.batch.engine import (  # noqa: E402
+    Case,
+    each_ended,
+    opened,
+)
+from rig.command.batch import add_engine_arguments, engine_choice  # noqa: E402
 from tests.sim.diagnosis.score import wilson  # noqa: E402
 
 FROM_BELOW = ("parallel_leakage", "heat_sink_warmup")

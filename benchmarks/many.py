@@ -240,8 +240,7 @@ def _bare_s(seeds: list[int], cores: int) -> float:
 
 def speed(count: int, engines: list[str]) -> bool:
     """Engines over the bare work."""
-    from rig.many.cases import Case, each_ended
-    from rig.many.engine import EngineChoice, opened
+    from rig.batch.engine import Case, EngineChoice, each_ended, opened
 
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     os.environ["PYTHONPATH"] = str(ROOT)
@@ -282,7 +281,7 @@ def trend(series: int) -> bool:
     """Found within three nights of a change, told on any night without one."""
     import numpy as np
 
-    from rig.analysis.change_point import latest_change
+    from rig.analysis.trend import latest_change
 
     nights, half, found, false = 60, 30, 0, 0
     for k in range(series):

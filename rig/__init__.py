@@ -18,16 +18,12 @@ from compensator import listeners
 if TYPE_CHECKING:
     from rig.config.model_file import Model
     from rig.core.faults import Faults
-    from rig.notebook.bench import calibrate, open_bench, run
+    from rig.experiment.simulation import simulated_rig
+    from rig.notebook.analysis import identify, invert, predict
+    from rig.notebook.bench import calibrate, open_bench, run, simulate
     from rig.notebook.diagnosis import diagnose
-    from rig.notebook.identification import identify
-    from rig.notebook.inversion import invert
-    from rig.notebook.models import read_model, write_model
-    from rig.notebook.prediction import predict
-    from rig.notebook.records import read_record
-    from rig.notebook.simulation import simulate
+    from rig.notebook.files import read_model, read_record, write_model
     from rig.records.record import Record
-    from rig.rehearsal.simulated import simulated_rig
     from rig.version import __version__
     from sim.effects.effect import Effect
 
@@ -45,16 +41,16 @@ _PLACES = {
     "Record": "records.record",
     "calibrate": "notebook.bench",
     "diagnose": "notebook.diagnosis",
-    "identify": "notebook.identification",
-    "invert": "notebook.inversion",
+    "identify": "notebook.analysis",
+    "invert": "notebook.analysis",
     "open_bench": "notebook.bench",
-    "predict": "notebook.prediction",
-    "read_model": "notebook.models",
-    "read_record": "notebook.records",
+    "predict": "notebook.analysis",
+    "read_model": "notebook.files",
+    "read_record": "notebook.files",
     "run": "notebook.bench",
-    "simulate": "notebook.simulation",
-    "simulated_rig": "rehearsal.simulated",
-    "write_model": "notebook.models",
+    "simulate": "notebook.bench",
+    "simulated_rig": "experiment.simulation",
+    "write_model": "notebook.files",
 }
 __all__ = [
     "Effect",

@@ -8,12 +8,12 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Callable
-from typing import NoReturn
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NoReturn
 
-from rig.command.overwriting import refuse_overwriting
 from rig.core.faults import Faults
-from rig.core.standard_streams import open_standard_streams, outlive_readers
+from rig.core.streams import open_standard_streams, outlive_readers
 
 # verb -> what it does, for the overview; the verb's module is rig.command.VERB
 VERBS = {
@@ -48,9 +48,17 @@ SWITCH_OFF = ("stop", "off")  # whatever stands in their way, the output is not 
 MENDS = " To mend it, delete .venv and type `./peltier --help` (no checkout: install peltier-rig again)."
 ON_A_CLOCK = ("run", "calibrate", "improve", "serve")
 LONGEST_NAME = 12  # words that are tried as one name: a list of a thousand records is not a million looks
+WRITTEN = ("out", "json", "report")
+DOCUMENT = "run.json"  # a folder with it is a run's
+# What a run's folder has from its run (rig/records/run_folder.py): measured once, or said of what was. A file of
+# another name with these is the user's, and may be written again.
+OF_A_RUN = frozenset(
+    (DOCUMENT, "record.csv", "record.nc", "events.jsonl", "config.toml", "target.csv", "learned.csv", "predicted.csv")
+) | {"model.toml", "MODEL.toml", "report.html"}
 
 
 def overview() -> str:
+    """Return the list of verbs."""
     lines = ["usage: peltier VERB ...        (peltier VERB --help: its options)", ""]
     lines += [f"  {verb:<10} {text}" for verb, text in VERBS.items()]
     return "\n".join(lines)
@@ -87,14 +95,14 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     # small matrices: threads cost more than they give, and wait for each other, for seconds on a busy computer
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    status = ended(lambda: _act(verb, words[1:], own_process), verb, own_process)
-    for name in _taken_apart(words[1:]) if status == 2 else ():
+    status = _exit_status(lambda: _act(verb, words[1:], own_process), verb, own_process)
+    for name in _split_names(words[1:]) if status == 2 else ():
         print(f"peltier {verb}: a name with spaces needs quotation marks: {name!r}", file=sys.stderr)
     return status
 
 
-def _taken_apart(words: list[str]) -> list[str]:
-    """Names of files that a shell has made several words of: they are there, their first words alone are not."""
+def _split_names(words: list[str]) -> list[str]:
+    """Return names of files that a shell has split into several words: they exist, their first words alone do not."""
     found = []
     for first, word in enumerate(words):
         if not word.startswith("-") and not os.path.exists(word):
@@ -104,7 +112,7 @@ def _taken_apart(words: list[str]) -> list[str]:
 
 
 class _OneLine(argparse.ArgumentParser):
-    """What is wrong with the words is one line; --help has the rest."""
+    """A parser that says in one line what is wrong with the words; --help has the rest."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message.removeprefix('argument ')} ({self.prog} --help: its options)\n")
@@ -122,14 +130,53 @@ def _act(verb: str, words: list[str], own_process: bool) -> int:
     except SystemExit as stop:
         return int(stop.code or 0)
     options.own_process = own_process
-    refuse_overwriting(options)
+    _refuse_overwriting(options)
     return int(module.main(options))
 
 
-def ended(action: Callable[[], int], verb: str, own_process: bool = False) -> int:
-    """Run the action and turn what it raises into a line on stderr and an exit status. own_process: it ends then."""
+def _refuse_overwriting(options: argparse.Namespace) -> None:
+    """Raise Faults if a file to be written is one of those to be read, or a run's, or is named twice: a record that was
+    measured once is not replaced."""
+    given = vars(options)
+    written = {name: Path(given[name]) for name in WRITTEN if given.get(name) not in (None, "-", "")}
+    read = [path for name, value in given.items() if name not in WRITTEN for path in _files(value)]
+    faults = [
+        f"{path}: --{name}: is what is read; expected another file"
+        for name, path in written.items()
+        if _is_file(path) and any(path.samefile(other) for other in read)
+    ]
+    faults += [
+        f"{path}: --{name}: belongs to the run in {path.parent}; expected another file"
+        for name, path in written.items()
+        if path.name in OF_A_RUN and _is_file(path) and _is_file(path.parent / DOCUMENT)
+    ]
+    if "report" in written and _is_file(written["report"] / DOCUMENT):
+        faults.append(f"{written['report']}: --report: is a run's folder; expected another, such as one inside it")
+    if "out" in written and written.get("json") == written["out"]:
+        faults.append(f"{written['out']}: --out and --json: the same file; expected two")
+    if faults:
+        raise Faults(faults)
+
+
+def _files(value: Any) -> Iterator[Path]:
+    """Yield the files that exist among an option's values."""
+    for one in value if isinstance(value, (list, tuple)) else [value]:
+        if isinstance(one, (str, Path)) and _is_file(one):
+            yield Path(one)
+
+
+def _is_file(path: str | Path) -> bool:
+    """Return True if a file exists; a text that can be no path is none."""
     try:
-        return _ended(action, verb)
+        return Path(path).is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _exit_status(action: Callable[[], int], verb: str, own_process: bool = False) -> int:
+    """Run the action; turn what it raises into a line on stderr and an exit status. own_process: it ends then."""
+    try:
+        return _act_and_report(action, verb)
     except KeyboardInterrupt as error:  # before or after the time in which signals mean `Stopped`
         if own_process:  # a terminal's Ctrl-C comes twice: to the group, and from the guard
             signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -141,7 +188,7 @@ def ended(action: Callable[[], int], verb: str, own_process: bool = False) -> in
         return 130
 
 
-def _ended(action: Callable[[], int], verb: str) -> int:
+def _act_and_report(action: Callable[[], int], verb: str) -> int:
     from rig.core.errors import RigError
     from rig.core.outcome import NotConfirmedOff, Outcome
 
@@ -153,7 +200,7 @@ def _ended(action: Callable[[], int], verb: str) -> int:
         return 2
     except NotConfirmedOff as outcome:
         text = f"OUTPUT NOT CONFIRMED OFF: {outcome}. Switch the controller off by hand."
-        for line in (text, *_told_besides(outcome)):
+        for line in (text, *_notes_of(outcome)):
             print(f"peltier {verb}: {line}", file=sys.stderr)
         return outcome.exit_status
     except (Outcome, RigError) as error:
@@ -177,12 +224,12 @@ def _ended(action: Callable[[], int], verb: str) -> int:
 
 
 def _notes(error: BaseException) -> str:
-    """What was added on the error's way up, as the end of a line."""
-    return "".join(f"; {note}" for note in _told_besides(error))
+    """Return the notes of an error as the end of a line."""
+    return "".join(f"; {note}" for note in _notes_of(error))
 
 
-def _told_besides(error: BaseException) -> list[str]:
-    """What was added on the error's way up: first what became of the output, then where a report is."""
+def _notes_of(error: BaseException) -> list[str]:
+    """Return the notes that were added to an error: first what became of the output, then where a report is."""
     from rig.core.outcome import OfOutput
 
     return sorted(dict.fromkeys(getattr(error, "__notes__", [])), key=lambda note: not isinstance(note, OfOutput))

@@ -132,7 +132,7 @@ def test_what_is_refused_waits_for_no_mathematics() -> None:
     words = [["diagnose", "no.csv"], ["identify", "no.csv"], ["predict", "no.toml", "no.csv"]]
     python(
         f"import rig.__main__ as m; statuses = [m.main(words) for words in {words}];"
-        "heavy = {'scipy.optimize', 'sim.diagnosis.diagnose', 'rig.analysis.predicted'} & set(sys.modules);"
+        "heavy = {'scipy.optimize', 'sim.diagnosis.diagnose', 'rig.analysis.prediction'} & set(sys.modules);"
         "sys.exit(', '.join(sorted(heavy)) or (statuses != [2, 2, 2] and str(statuses)))"
     )
 

@@ -15,12 +15,9 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import Kind
-from rig.analysis.film_sense import rising
-from rig.analysis.given_twice import require_different
-from rig.analysis.held_out import require_judging
-from rig.analysis.predicted import missing_inputs, predicted
-from rig.analysis.prediction_error import fitted_values
-from rig.analysis.telling import telling_columns
+from rig.analysis.film_records import rising
+from rig.analysis.prediction import fitted_values, missing_inputs, predicted
+from rig.analysis.usable_records import require_different, require_judging, usable_columns
 from rig.config.model_file import Model
 from rig.core.faults import Faults, fault
 from rig.records.film_output import FALLING_RESISTANCE
@@ -71,7 +68,7 @@ def diagnosed(
     require_different([*records, *holdout])
     _require_times([*records, *holdout])
     output = rising(records, asked.output, say)
-    telling = [telling_columns(one, output) for one in records]
+    telling = [usable_columns(one, output) for one in records]
     for note in dict.fromkeys(note for _, notes in telling for note in notes):
         say(note)
     _require_alike(records, holdout)

@@ -1,4 +1,19 @@
-"""Which effects a rig's runs show, how large, and since when: series of diagnoses over time."""
+"""Series of diagnoses over time: which effects the runs of a rig show, how large, and since when.
+
+A run has a value with its standard error, or no value (the effect was not seen). Two tests, each over every possible
+run k of the change and, before and after it, at least `FEWEST` runs:
+
+value    z = (mean after - mean before) / sqrt(s^2 (1/W_after + 1/W_before)),  means weighted by W = sum of 1/error^2,
+         s^2 the scatter about the means in units of the errors, at least 1: runs scatter more than one run's errors
+         say. Compared with Student's t with the runs' degrees of freedom.
+seen     Fisher's exact test of how often the effect was seen before and after: it appears, or it is gone.
+
+A change is reported if the test's probability, corrected for how often it was tried, is below `false_alarm`: at most
+so often a series without a change has one. It is looked for at every run anew, and at every run until then: n runs have
+n^2 / 2 tests of the value. (Tests of what was seen are fewer, because only so many tables can come out, and exact,
+which a discrete test is only from above: they are corrected by n.) Of several changes the latest counts: what holds
+from then on until now is judged by itself, so that a second change is found, and an old one is not reported again.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +23,91 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import fisher_exact, t
 
 from compensator.hysteresis.functions import Array
-from rig.analysis.change_point import Change, latest_change
 from sim.inference.covariance import NORMAL_95
+
+FEWEST = 2  # runs on either side: of one alone nobody knows whether the run or the rig was another
+FALSE_ALARM = 0.05  # of a series
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of a series. since: the first run (index) of the new state. before, after: (mean, standard error), nan
+    where not seen; kind: "value", "appears" or "gone"; probability: of such a difference by chance, corrected for the
+    search."""
+
+    since: int
+    kind: str
+    before: tuple[float, float]
+    after: tuple[float, float]
+    probability: float
+
+
+def latest_change(value: Array, error: Array, false_alarm: float = FALSE_ALARM) -> Change | None:
+    """Return the latest change of a series; None if there is none.
+
+    value: shape (runs,), nan where the effect was not seen; error: standard errors, > 0, nan where unknown.
+    """
+    begin, found = 0, None
+    while True:
+        change = _strongest(value[begin:], error[begin:], false_alarm)
+        if change is None:
+            return found
+        found = Change(begin + change.since, change.kind, change.before, change.after, change.probability)
+        begin += change.since
+
+
+def _strongest(value: Array, error: Array, false_alarm: float) -> Change | None:
+    trials = [*_by_value(value, error), *_by_presence(value)]
+    if not trials:
+        return None
+    corrected, since, kind = min(trials)
+    if corrected > false_alarm:
+        return None
+    return Change(
+        since, kind, _mean(value[:since], error[:since])[:2], _mean(value[since:], error[since:])[:2], corrected
+    )
+
+
+def _by_value(value: Array, error: Array) -> list[tuple[float, int, str]]:
+    """Return (corrected probability, run, "value") for every run at which the value may have changed."""
+    seen = np.flatnonzero(np.isfinite(value) & np.isfinite(error))
+    found = []
+    for k in range(FEWEST, seen.size - FEWEST + 1):
+        sides = seen[:k], seen[k:]
+        (a, a_error, a_square), (b, b_error, b_square) = (_mean(value[side], error[side]) for side in sides)
+        freedom = seen.size - 2
+        scatter = max(1.0, (a_square + b_square) / freedom) if freedom > 0 else 1.0
+        z = abs(b - a) / math.sqrt(scatter * (a_error**2 + b_error**2))
+        tests = max(1.0, 0.5 * seen.size**2)
+        found.append((min(1.0, tests * 2.0 * float(t.sf(z, max(freedom, 1)))), int(seen[k]), "value"))
+    return found
+
+
+def _by_presence(value: Array) -> list[tuple[float, int, str]]:
+    """Return (corrected probability, run, "appears" or "gone") for every run from which it was seen more, or less."""
+    seen = np.isfinite(value)
+    if np.all(seen) or not np.any(seen):
+        return []
+    found = []
+    for k in range(FEWEST, seen.size - FEWEST + 1):
+        before, after = int(np.sum(seen[:k])), int(np.sum(seen[k:]))
+        table = [[before, k - before], [after, seen.size - k - after]]
+        kind = "appears" if after / (seen.size - k) > before / k else "gone"
+        found.append((min(1.0, seen.size * float(fisher_exact(np.array(table))[1])), k, kind))
+    return found
+
+
+def _mean(value: Array, error: Array) -> tuple[float, float, float]:
+    """Return weighted mean, its standard error, and sum of squares about it in units of the errors."""
+    good = np.isfinite(value) & np.isfinite(error)
+    if not np.any(good):
+        return math.nan, math.nan, 0.0
+    weight = 1.0 / error[good] ** 2
+    mean = float(np.sum(weight * value[good]) / np.sum(weight))
+    return mean, 1.0 / math.sqrt(float(np.sum(weight))), float(np.sum(weight * (value[good] - mean) ** 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,16 +125,16 @@ class Series:
 
     @property
     def seen(self) -> int:
-        """In how many runs the effect was named."""
+        """Number of runs in which the effect was named."""
         return int(np.sum(np.isfinite(self.value)))
 
     @property
     def since(self) -> str:
-        """When it changed, ISO; "" where it has not."""
+        """Time of the change, ISO; "" if there is none."""
         return self.at[self.change.since] if self.change is not None else ""
 
     def row(self) -> dict[str, Any]:
-        """For a table."""
+        """Return the series as a row of a table."""
         row: dict[str, Any] = {"rig": self.rig, "effect": self.effect, "parameter": self.parameter}
         row |= {"named_in": self.seen, "of": len(self.at), "since": self.since}
         if self.change is not None:
@@ -52,7 +148,7 @@ class Series:
         return {key: value for key, value in row.items() if not (isinstance(value, float) and math.isnan(value))}
 
     def in_words(self) -> str:
-        """A line."""
+        """Return a line for people."""
         name = f"{self.effect} {self.parameter}"
         seen = f"named in {self.seen} of {len(self.at)} runs"
         c = self.change
@@ -74,9 +170,9 @@ def _size(pair: tuple[float, float]) -> str:
 
 
 def series_of(rows: Iterable[Mapping[str, Any]]) -> list[Series]:
-    """The series of all rigs: those that changed first, the latest change at the head, then those seen most.
+    """Return the series of all rigs: those that changed first, the latest change at the head, then those seen most.
 
-    rows: as `rig.analysis.one_row.of_diagnosis` makes them, with rig and at; rows without a verdict are left out.
+    rows: as `rig.analysis.table_row.of_diagnosis` makes them, with rig and at; rows without a verdict are left out.
     """
     of: dict[str, list[Mapping[str, Any]]] = {}
     for row in sorted((row for row in rows if "verdict" in row), key=lambda row: str(row["at"])):

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from rig.bench.output_off import OutputOff
-from rig.bench.serial_numbers import strangers
 from rig.bench.simulation import simulated_world
 from rig.config.configuration import ConfigurationFile
 from rig.config.tables import ControllerTable, MeterTable
@@ -102,7 +101,7 @@ def open_bench(file: ConfigurationFile, guard: Guard = UNGUARDED, *, only_look: 
 
 @contextmanager
 def _told_where(instrument: Any, role: str, table: ControllerTable | MeterTable) -> Iterator[None]:
-    """What an instrument does not do at the start is told with its port."""
+    """Add the port to the error of an instrument that does not answer at the start."""
     try:
         yield
     except InstrumentError as error:
@@ -114,20 +113,20 @@ def _told_where(instrument: Any, role: str, table: ControllerTable | MeterTable)
 
 
 def _called(instrument: Any, role: str, table: ControllerTable | MeterTable) -> str:
-    """As its own messages call it; one without a transport of ours has none."""
+    """Return the name that its own messages give an instrument, or one of role, driver and port."""
     who: str = getattr(getattr(instrument, "transport", None), "who", "")
     return who or called(table.port, role, table.driver)
 
 
 def _require_ours(file: ConfigurationFile, identities: Mapping[str, Identity], only_look: bool) -> None:
-    lines = [] if only_look else strangers(file, identities)
+    lines = [] if only_look else file.strangers(identities)
     if lines:
         raise Faults(lines)
 
 
 def _require_alone(ports: list[str]) -> None:
-    """No other program has a port open, one that takes no lock included: it could command what we switch off, and take
-    the answers to us. Raises PortHeld."""
+    """Raise PortHeld if another program has a port open, one that takes no lock included: it could command what we
+    switch off, and take the answers to us."""
     for port in ports:
         for process, command in open_elsewhere(port):
             raise PortHeld(port, process, command)
@@ -159,7 +158,8 @@ def _opened(
 
 
 def _not_ours(role: str, guard: Guard) -> None:
-    """The controller's port was not opened here: its output is somebody else's business, or what it was before."""
+    """Tell the guard that the controller's port was not opened here: its output is somebody else's business, or what it
+    was before."""
     if role == "controller":
         guard.not_opened()
 
@@ -167,8 +167,8 @@ def _not_ours(role: str, guard: Guard) -> None:
 def emulated_instruments(
     file: ConfigurationFile, start_s: float, plant: SimulatedPlant | None = None
 ) -> list[tuple[str, str, Instrument]]:
-    """(role, driver's name, emulator) of the configured instruments; they share one plant, by default the file's own.
-    Raises Faults."""
+    """Return (role, driver's name, emulator) of the configured instruments; they share one plant, by default the file's
+    own. Raises Faults."""
     c = file.content
     roles: list[tuple[str, ControllerTable | MeterTable]] = [("controller", c.bench.controller)]
     if c.bench.meter is not None:
@@ -189,13 +189,13 @@ def emulated_instruments(
 
 
 def _shared(role: str, table: ControllerTable | MeterTable) -> dict[str, Any]:
-    """The driver's options that its emulator has too, such as a model or an address."""
+    """Return the driver's options that its emulator has too, such as a model or an address."""
     known = emulator_options(role, table.driver)
     return {name: value for name, value in table.options.items() if name in known}
 
 
 def _simulated(file: ConfigurationFile, clock: Clock, stack: ExitStack) -> list[str]:
-    """The emulated instruments registered with the clock: their addresses."""
+    """Register the emulated instruments with the clock; return their addresses."""
     addresses = []
     for role, _, instrument in emulated_instruments(file, clock.now_s()):
         name = f"{role}-{next(_numbers)}"

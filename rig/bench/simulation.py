@@ -22,7 +22,7 @@ from sim.world.world import World
 
 
 def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:
-    """The true film, and the memory that it starts with."""
+    """Return the true film, and the memory that it starts with."""
     table = file.content.simulation.film
     if isinstance(table, ModelFilmTable):
         model = read_model(file.beside(table.model), needs=("film",)).film
@@ -47,7 +47,7 @@ def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:
 
 
 def simulated_effects(file: ConfigurationFile) -> tuple[Switched, ...]:
-    """What is switched on. Raises Faults, as for an effect that two places switch on."""
+    """Return the effects that are switched on. Raises Faults, as for an effect that two places switch on."""
     table = file.content.simulation
     effects, _ = switch_effects(table.effects, "simulation.effects", complete=False)
     if table.heat_sink_warmup is not None:
@@ -58,7 +58,7 @@ def simulated_effects(file: ConfigurationFile) -> tuple[Switched, ...]:
 
 
 def simulated_world(file: ConfigurationFile) -> World:
-    """What is true of the simulated rig. Raises Faults where a model file is wrong."""
+    """Return what is true of the simulated rig. Raises Faults if a model file is wrong."""
     table = file.content.simulation
     film, initial = simulated_film(file)
     effects = simulated_effects(file)

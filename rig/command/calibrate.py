@@ -26,19 +26,18 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
-    """The imports are here, on the working process's side of the guard."""
-    from rig.command.say import Voice
+    """Do the work of the verb, in the process behind the guard, where its imports belong."""
+    from rig.command.terminal import Terminal
     from rig.config.configuration import read_configuration
     from rig.records.run_folder import default_folder, prepared_folder
 
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     file = read_configuration(options.config, for_experiment=False)
     require_who_switches_off(file, guard, options.unguarded)
     from rig.bench.assembly import open_bench
     from rig.drivers.registry import controller_class
-    from rig.experiment.expected import expected_calibration
+    from rig.experiment.phases import expected_calibration
     from rig.experiment.session import Session, calibrate, watched_by
-    from rig.experiment.summaries import calibration_summary
     from rig.report.run import write_live_report
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
@@ -46,15 +45,15 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
     path = options.out if options.out is not None else default_folder("calibration")
     with (
         prepared_folder(path),
-        voice.progress(file.content.virtual_time) as progress,
+        terminal.progress(file.content.virtual_time) as progress,
         SignalStop() as signals,
         open_bench(file, guard) as bench,
     ):
         signals.look()
-        session = Session(bench, file, signals, voice.say, report=write_live_report)
+        session = Session(bench, file, signals, terminal.print, report=write_live_report)
         result = calibrate(watched_by(progress, session, expected_calibration(file.content)), path)
-    voice.say(off_confirmed(controller_class(file.content.bench.controller.driver)))
-    voice.say(f"model: {result.model_path}")
-    voice.say(f"report: {path / 'report.html'}")
-    voice.report(calibration_summary(result))
+    terminal.print(off_confirmed(controller_class(file.content.bench.controller.driver)))
+    terminal.print(f"model: {result.model_path}")
+    terminal.print(f"report: {path / 'report.html'}")
+    terminal.write_json(result.document())
     return 0

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.command.record_arguments import add_json_argument
-from rig.command.say import Voice
+from rig.command.terminal import Terminal
 
 if TYPE_CHECKING:
     from rig.bench.assembly import Bench
@@ -39,7 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     from rig.config.configuration import read_configuration
 
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     file = read_configuration(options.config, for_experiment=False)
     from rig.bench.assembly import open_bench
     from rig.safety.signals import SignalStop
@@ -47,26 +47,26 @@ def main(options: argparse.Namespace) -> int:
 
     with SignalStop() as signals, _who_answers_instead(file), open_bench(file, only_look=True) as bench:
         signals.look()
-        faults = [*_identities(file, bench, voice), *_not_alone(file)]
+        faults = [*_identities(file, bench, terminal), *_not_alone(file)]
         result: dict[str, Any] = {
             "format": "peltier-check/1",
             "instruments": {role: str(identity) for role, identity in bench.identities.items()},
-            "temperature_degC": _temperature(bench, file.content.limits.temperature_degC, voice, faults),
-            "status": _status(bench, voice, faults, options.clear),
-            **_limits(file, bench, voice, faults),
-            **_film(bench, voice, faults),
-            **_stop(bench, voice),
+            "temperature_degC": _temperature(bench, file.content.limits.temperature_degC, terminal, faults),
+            "status": _status(bench, terminal, faults, options.clear),
+            **_limits(file, bench, terminal, faults),
+            **_film(bench, terminal, faults),
+            **_stop(bench, terminal),
         }
     for line in faults:
-        voice.say(f"NOT AS CONFIGURED: {line}")
-    voice.say(off_confirmed(bench.controller))
-    voice.report({**result, "faults": faults})
+        terminal.print(f"NOT AS CONFIGURED: {line}")
+    terminal.print(off_confirmed(bench.controller))
+    terminal.write_json({**result, "faults": faults})
     return 1 if faults else 0
 
 
 @contextmanager
 def _who_answers_instead(file: ConfigurationFile) -> Iterator[None]:
-    """Where an instrument does not answer at its port, ask who does: ports may be swapped, or a driver be another's.
+    """Ask who answers if an instrument does not answer at its port: ports may be swapped, or a driver be another's.
 
     Raises Faults for that, with the output off, confirmed, by a controller that answers at the ohmmeter's port;
     otherwise NotConfirmedOff, or the InstrumentError that it was.
@@ -95,8 +95,8 @@ def _who_answers_instead(file: ConfigurationFile) -> Iterator[None]:
 
 
 def _others(file: ConfigurationFile) -> tuple[list[str], bool]:
-    """A line for each port at which another instrument answers than expected, and whether the ports are swapped and the
-    controller, at the ohmmeter's port, confirmed its output off."""
+    """Return a line for each port at which another instrument answers than expected, and True if the ports are swapped
+    and the controller, at the ohmmeter's port, confirmed its output off."""
     from rig.core.clock import RealClock
     from rig.drivers.registry import open_controller
     from rig.safety.switching_off import off_confirmed, switch_off
@@ -123,10 +123,10 @@ def _others(file: ConfigurationFile) -> tuple[list[str], bool]:
 
 
 def _who(port: str, first: list[str]) -> Tried | None:
-    """Who answers at a port, drivers that are likely there asked first; None where nobody does."""
+    """Return who answers at a port, likely drivers asked first; None if nobody does."""
     from rig.core.clock import RealClock
     from rig.core.errors import Disconnected
-    from rig.core.terminal_line import TerminalLine
+    from rig.core.streams import TerminalLine
     from rig.drivers.registry import tries
 
     line = TerminalLine(sys.stderr)
@@ -138,17 +138,16 @@ def _who(port: str, first: list[str]) -> Tried | None:
     return None
 
 
-def _identities(file: ConfigurationFile, bench: Bench, voice: Voice) -> list[str]:
-    """Who they are; a line for each that is another one than the configuration says."""
-    from rig.bench.serial_numbers import strangers
-
+def _identities(file: ConfigurationFile, bench: Bench, terminal: Terminal) -> list[str]:
+    """Print the identities; return a line for each that differs from the configuration."""
     for role, identity in bench.identities.items():
-        voice.say(f"{role}: {identity}")
-    return strangers(file, bench.identities)
+        terminal.print(f"{role}: {identity}")
+    return file.strangers(bench.identities)
 
 
 def _not_alone(file: ConfigurationFile) -> list[str]:
-    """A line for each other program that has one of the ports open as well, whose output nobody here switches off."""
+    """Return a line for each other program that has one of the ports open as well, whose output nobody here switches
+    off."""
     from rig.ports.open import open_elsewhere
 
     ports = [part.port for part in (file.content.bench.controller, file.content.bench.meter) if part is not None]
@@ -160,9 +159,9 @@ def _not_alone(file: ConfigurationFile) -> list[str]:
     ]
 
 
-def _temperature(bench: Bench, limits: tuple[float, float], voice: Voice, faults: list[str]) -> float:
+def _temperature(bench: Bench, limits: tuple[float, float], terminal: Terminal, faults: list[str]) -> float:
     temperature = bench.controller.read_temperature()
-    voice.say(f"temperature: {temperature.value:.3f} degC ({temperature.quality})")
+    terminal.print(f"temperature: {temperature.value:.3f} degC ({temperature.quality})")
     low, high = limits
     if temperature.is_number and not low <= temperature.value <= high:
         faults.append(f"limits.temperature_degC: [{low:g}, {high:g}]: the temperature is outside, and trips each run")
@@ -171,36 +170,36 @@ def _temperature(bench: Bench, limits: tuple[float, float], voice: Voice, faults
     return temperature.value
 
 
-def _status(bench: Bench, voice: Voice, faults: list[str], clear: bool) -> dict[str, Any]:
-    """What the controller says of itself; an error is cleared where the user wants that."""
+def _status(bench: Bench, terminal: Terminal, faults: list[str], clear: bool) -> dict[str, Any]:
+    """Print the controller's status; clear an error if the user wants that."""
     from rig.core.errors import InstrumentError
 
     status = bench.controller.status()
-    voice.say(f"status: {status.text}")
+    terminal.print(f"status: {status.text}")
     if status.is_error and status.remedy:
-        voice.say(f"what to do: {status.remedy}")
+        terminal.print(f"what to do: {status.remedy}")
     if status.is_error and (clear or _wanted()):
         try:
             bench.controller.clear_error()
             status = bench.controller.status()
-            voice.say(f"cleared; status: {status.text}")
+            terminal.print(f"cleared; status: {status.text}")
         except InstrumentError as error:
-            voice.say(f"not cleared: {error}")
+            terminal.print(f"not cleared: {error}")
     if status.is_error:
         faults.append(f"the controller reports: {status.text}")
     return {"text": status.text, "is_error": status.is_error, "code": status.code, "remedy": status.remedy}
 
 
 def _wanted() -> bool:
-    """Ask on a terminal; elsewhere nobody is there to be asked."""
+    """Return True if the user, asked on a terminal, wants the error cleared; elsewhere nobody is asked."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     print("Clear the error? [y/N] ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
-    """The instrument's own limits and dead man, read back."""
+def _limits(file: ConfigurationFile, bench: Bench, terminal: Terminal, faults: list[str]) -> dict[str, Any]:
+    """Read the instrument's own limits and dead man back."""
     from rig.drivers.controller import drive_unit
 
     limits, controller = file.content.limits, bench.controller
@@ -214,7 +213,7 @@ def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[st
     no_limit = f"no {'current' if unit == 'A' else 'drive'} limit of its own"
     current = no_limit if current_A is None else f"{current_A:g} {unit}"
     dead_man = f"{own.dead_man_s:g} s" if controller.has_dead_man else "none: it has none"
-    voice.say(f"limits read back: {current}, {_span(low_degC, high_degC)}; dead man {dead_man}")
+    terminal.print(f"limits read back: {current}, {_span(low_degC, high_degC)}; dead man {dead_man}")
     return {
         "own_limits": {
             "current_A": current_A,
@@ -226,7 +225,7 @@ def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[st
 
 
 def _span(low_degC: float | None, high_degC: float | None) -> str:
-    """Temperature limits in words; None where the instrument has no such limit."""
+    """Return temperature limits in words; None if the instrument has no such limit."""
     if low_degC is None:
         if high_degC is None:
             return "no temperature limits of its own"
@@ -236,7 +235,7 @@ def _span(low_degC: float | None, high_degC: float | None) -> str:
     return f"{low_degC:g} to {high_degC:g} degC"
 
 
-def _film(bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
+def _film(bench: Bench, terminal: Terminal, faults: list[str]) -> dict[str, Any]:
     from rig.drivers.meter import column_of, reading_in_words, settled_reading
 
     if bench.meter is None:
@@ -244,7 +243,7 @@ def _film(bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
     reading = settled_reading(bench.meter)
     column = column_of(bench.meter.output)
     name, _, unit = column.partition("_")
-    voice.say(
+    terminal.print(
         f"{name}: {reading.value:.6g} {unit} ({reading.quality}), range {bench.meter.full_scale:g}, "
         f"test current {bench.meter.test_current_A:g} A"
     )
@@ -258,8 +257,8 @@ def _film(bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
     }
 
 
-def _stop(bench: Bench, voice: Voice) -> dict[str, Any]:
-    """How long an off command takes until the controller has confirmed it, on the bench's own clock."""
+def _stop(bench: Bench, terminal: Terminal) -> dict[str, Any]:
+    """Measure how long an off command takes until the controller has confirmed it, on the bench's own clock."""
     seconds, confirmed = [], True
     for _ in range(STOPS):
         begin_s = bench.clock.now_s()
@@ -267,7 +266,7 @@ def _stop(bench: Bench, voice: Voice) -> dict[str, Any]:
         seconds.append(bench.clock.now_s() - begin_s)
     middle, longest = statistics.median(seconds), max(seconds)
     where = " (simulated time)" if bench.virtual else ""
-    voice.say(
+    terminal.print(
         f"STOP: {1e3 * middle:.1f} ms in the middle of {STOPS}, {1e3 * longest:.1f} ms at the longest, "
         f"until the controller confirmed that its output is off{where}"
     )

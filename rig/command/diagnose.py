@@ -17,7 +17,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.command.many_arguments import add_engine_arguments
+from rig.batch.journal import is_of_many
+from rig.command.batch import add_engine_arguments, report_each
 from rig.command.record_arguments import (
     add_effect_file_argument,
     add_json_argument,
@@ -28,9 +29,8 @@ from rig.command.record_arguments import (
     writable_file,
     writable_folder,
 )
-from rig.command.say import Voice
+from rig.command.terminal import Terminal
 from rig.core.faults import Faults, fault
-from rig.many.journal import is_of_many
 from rig.records.record_file import Record
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def main(options: argparse.Namespace) -> int:
         writable_file(options.out)
     if options.report is not None:
         writable_folder(options.report)
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     if options.effect_file:
         from rig.config.effect_tables import add_effect_files
 
@@ -125,11 +125,10 @@ def main(options: argparse.Namespace) -> int:
         own,
     )
     if several:
-        from rig.command.each_told import each_told
         from rig.report.diagnosed_record import diagnoses
 
-        return each_told(each, diagnoses(asked, holdout), options, voice)
-    voice.report(_single(records, asked, holdout, options, voice))
+        return report_each(each, diagnoses(asked, holdout), options, terminal)
+    terminal.write_json(_single(records, asked, holdout, options, terminal))
     return 0
 
 
@@ -149,11 +148,11 @@ def _base(options: argparse.Namespace) -> str | None:
 
 
 def _single(
-    records: list[Record], asked: Options, holdout: list[Record], options: argparse.Namespace, voice: Voice
+    records: list[Record], asked: Options, holdout: list[Record], options: argparse.Namespace, terminal: Terminal
 ) -> dict[str, Any]:
     """One record, or several as one, with progress on stderr; its document. Raises Faults."""
+    from rig.report.batch import MODEL
     from rig.report.diagnosed_record import told
-    from rig.report.told import MODEL
 
     record, *further = records
 
@@ -168,13 +167,13 @@ def _single(
     if found.faults:
         raise Faults(found.faults)
     for line in found.lines:
-        voice.say(line)
+        terminal.print(line)
     if folder is not None:
         found.write_files(folder)
     if options.out is not None:
         options.out.write_bytes(found.files[MODEL])
     if path is not None:
-        voice.say(f"model: {path}")
+        terminal.print(f"model: {path}")
     if folder is not None:
-        voice.say(f"report: {folder / 'report.html'}")
+        terminal.print(f"report: {folder / 'report.html'}")
     return found.document

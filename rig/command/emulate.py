@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from rig.core.faults import fault
-from rig.core.posix_only import require
+from rig.core.requirements import require
 
 LOOK_S = 0.2  # between looks at the output: a line on stderr need not come sooner
 SILENT_S = 5.0  # with the output on, after which a program has ended or hangs: those that steer speak once a second
@@ -59,26 +59,26 @@ def main(options: argparse.Namespace) -> int:
 
 
 def in_words(current_A: float) -> str:
-    """Whether the output is on; a simulated current is what flows, to the last bit."""
+    """Return in words if the output is on; a simulated current is what flows, to the last bit."""
     return f"its output is on, {current_A:.3g} A" if current_A != 0.0 else "its output is off"
 
 
 class Output:
-    """What is to be said of the output as it is seen, LOOK_S after LOOK_S."""
+    """Lines on the output as it is seen, LOOK_S after LOOK_S."""
 
     def __init__(self) -> None:
-        self._current_A, self._looked_s, self._told = 0.0, 0.0, False
+        self._current_A, self._looked_s, self._said = 0.0, 0.0, False
 
     def seen(self, current_A: float, heard_s: float, now_s: float) -> list[str]:
-        """Lines, mostly none. heard_s: when the controller was written to last, on the scale of now_s (s)."""
+        """Return lines, mostly none. heard_s: when the controller was written to last, on the scale of now_s (s)."""
         before_A, looked_s = self._current_A, self._looked_s
         self._current_A, self._looked_s = current_A, now_s
         silent_s = now_s - heard_s
         if before_A != 0.0 and current_A == 0.0 and heard_s < looked_s - LOOK_S:
-            self._told = False
+            self._said = False
             return [f"controller: it has switched its output off by itself, after {silent_s:.1f} s without a command"]
         if silent_s < SILENT_S or current_A == 0.0:
-            self._told = False
+            self._said = False
             return []
-        told, self._told = self._told, True
-        return [] if told else [f"controller: {in_words(current_A)}, and nobody has spoken to it for {silent_s:.0f} s"]
+        said, self._said = self._said, True
+        return [] if said else [f"controller: {in_words(current_A)}, and nobody has spoken to it for {silent_s:.0f} s"]

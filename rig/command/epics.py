@@ -1,4 +1,4 @@
-"""peltier epics CONFIG: an EPICS server beside the bench daemon: readings, state, trips, STOP.
+"""peltier epics CONFIG: an EPICS server for the bench daemon: readings, state, trips, STOP.
 
 It listens as [epics] says, on Channel Access and PV Access, and asks the daemon of serve.name; it holds no instrument.
 Records that start and reset exist only with [epics] write = true. More is in docs/epics.md. Ends on a signal; the bench
@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rig.core.posix_only import require
+from rig.core.requirements import require
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,8 @@ import argparse
 from dataclasses import fields
 from pathlib import Path
 
-from rig.command.many_arguments import add_engine_arguments
+from rig.batch.journal import is_of_many
+from rig.command.batch import add_engine_arguments, report_each
 from rig.command.record_arguments import (
     add_json_argument,
     add_output_argument,
@@ -20,9 +21,8 @@ from rig.command.record_arguments import (
     writable_file,
     writable_folder,
 )
-from rig.command.say import Voice
+from rig.command.terminal import Terminal
 from rig.core.faults import fault
-from rig.many.journal import is_of_many
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,33 +59,32 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     if options.out is not None:
         if options.each:
-            raise fault("--out", str(options.out), "expected --report DIR beside --each: it has a model of each record")
+            raise fault("--out", str(options.out), "expected --report DIR with --each: it has a model of each record")
         writable_file(options.out)
     if options.report is not None:
         writable_folder(options.report)
         if is_of_many(options.report) and not options.each:
             expected = "has the table of many records; expected --each, or another DIR"
             raise fault("--report", str(options.report), expected)
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     each = read_each(options.records, options) if options.each else []
     records = [] if options.each else read_records(options.records, options)
-    from rig.analysis.identified import AskedFit  # a second or two: after what may be refused has been read
-    from rig.report.identified_records import identified_and_told
+    from rig.analysis.identification import FitOptions  # a second or two: after what may be refused has been read
+    from rig.report.model_pages import report_identification
 
-    asked = AskedFit(**{field.name: getattr(options, field.name) for field in fields(AskedFit)})
+    fit = FitOptions(**{field.name: getattr(options, field.name) for field in fields(FitOptions)})
     if options.each:
-        from rig.command.each_told import each_told
-        from rig.report.identified_records import identifications
+        from rig.report.model_pages import identifications
 
-        return each_told(each, identifications(asked), options, voice)
+        return report_each(each, identifications(fit), options, terminal)
     folder = options.report
     if folder is not None:
         folder.mkdir(exist_ok=True)
     models = [path for path in (options.out, folder / "model.toml" if folder is not None else None) if path is not None]
-    result = identified_and_told(records, asked, models, folder, voice.say)
+    result = report_identification(records, fit, models, folder, terminal.print)
     if models:
-        voice.say(f"model: {models[0]}")
+        terminal.print(f"model: {models[0]}")
     if folder is not None:
-        voice.say(f"report: {folder / 'report.html'}")
-    voice.report(result)
+        terminal.print(f"report: {folder / 'report.html'}")
+    terminal.write_json(result)
     return 0

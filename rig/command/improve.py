@@ -24,9 +24,9 @@ from rig.guard.needed import add_unguarded_argument, guarded_where_needed, requi
 from rig.guard.pipe import Guard
 
 if TYPE_CHECKING:
-    from rig.command.say import Voice
+    from rig.command.terminal import Terminal
     from rig.config.configuration import ConfigurationFile
-    from rig.rehearsal.improvable import Improvable
+    from rig.experiment.improvement import Improvable
     from rig.report.improvement import Improvement
 
 SECOND = "run"
@@ -52,57 +52,56 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _improve(options: argparse.Namespace, guard: Guard) -> int:
-    """The imports are here, on the working process's side of the guard."""
-    from rig.command.say import Voice
+    """Do the work of the verb, in the process behind the guard, where its imports belong."""
+    from rig.command.terminal import Terminal
     from rig.config.effect_tables import add_effect_files
+    from rig.experiment.improvement import improvable
     from rig.records.run_folder import check_free, default_folder
-    from rig.rehearsal.improvable import improvable
 
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     add_effect_files(options.effect_file)
     found = improvable(options.run, options.config)
     require_who_switches_off(found.file, guard, options.unguarded)
     out = options.out if options.out is not None else default_folder("improve")
     check_free(out)
-    improvement = _diagnosed(options, found, out, voice)
+    improvement = _diagnosed(options, found, out, terminal)
     if improvement.why_not is None:
         extended = _extended(options.config, improvement)
-        if options.yes or _agreed(extended, voice):
-            status = _run_again(options, extended, out / SECOND, guard, voice)
+        if options.yes or _agreed(extended, terminal):
+            status = _run_again(options, extended, out / SECOND, guard, terminal)
             if status != 0:
                 return status
             improvement = _compared(improvement, found, out / SECOND)
         else:
             improvement = replace(improvement, why_not="you said no")
-    _told(improvement, voice)
+    _report(improvement, terminal)
     return 0
 
 
-def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice: Voice) -> Improvement:
-    """RUN diagnosed, the report of that in the folder. Raises Faults where nothing can be said of its record."""
+def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, terminal: Terminal) -> Improvement:
+    """Diagnose RUN, and write the report of that. Raises Faults if nothing can be said of its record."""
     from rig.analysis.diagnosed import Asked
-    from rig.analysis.gained import as_effects, followed, news
+    from rig.analysis.error import target_error
+    from rig.command.terminal import to_stderr
     from rig.core.faults import Faults
+    from rig.experiment.improvement import as_effects, news
     from rig.records.record_file import read_record
+    from rig.report.batch import CANDIDATE, MODEL
     from rig.report.diagnosed_record import Options, told
     from rig.report.improvement import Improvement
-    from rig.report.told import CANDIDATE, MODEL
 
     folder, own = out / "diagnosis", tuple(path.absolute() for path in options.effect_file)
     record = read_record(found.run.part / "record.csv")
-    first = followed(found.run)
+    first = target_error(found.run)
 
-    def tell(text: str) -> None:
-        print(f"{record.source}: {text}", file=sys.stderr, flush=True)
-
-    options_of = Options(Asked(output=found.output), effect_files=own)
-    said = told(record, options_of, str(folder / MODEL), report=True, say=tell)
+    how = Options(Asked(output=found.output), effect_files=own)
+    said = told(record, how, str(folder / MODEL), report=True, say=lambda text: to_stderr(f"{record.source}: {text}"))
     if said.faults:
         raise Faults(said.faults)
     folder.mkdir(parents=True)
     said.write_files(folder)
     for line in said.lines:
-        voice.say(line)
+        terminal.print(line)
     effects, tried = said.document["effects"], list[str]()
     new = news(effects, found.known)
     if not new and CANDIDATE in said.files:
@@ -114,37 +113,38 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice:
 
 
 def _extended(config: Path, improvement: Improvement) -> ConfigurationFile:
-    """What will run, as a file of its own. Raises Faults where the extended model cannot do it."""
-    from rig.config.configuration import read_configuration
-    from rig.config.configuration_text import configuration_with_model
+    """Write and read the configuration that will run. Raises Faults if the extended model cannot do it."""
+    from rig.config.configuration import configuration_with_model, read_configuration
     from rig.core.file_writing import write_text
-    from rig.experiment.wanted import wanted
+    from rig.experiment.feasibility import target_and_model
 
     path = improvement.folder / "config.toml"
     write_text(path, configuration_with_model(config, improvement.model))
     file = read_configuration(path)
-    wanted(file, lambda text: None)
+    target_and_model(file, lambda text: None)
     return file
 
 
-def _agreed(file: ConfigurationFile, voice: Voice) -> bool:
-    """Whether the user lets it heat."""
-    from rig.experiment.expected import expected_run
-    from rig.experiment.wanted import wanted
+def _agreed(file: ConfigurationFile, terminal: Terminal) -> bool:
+    """Return True if the user lets it heat."""
+    from rig.experiment.feasibility import target_and_model
+    from rig.experiment.phases import expected_run
 
     c = file.content
-    minutes = sum(seconds for _, seconds in expected_run(c, *wanted(file, lambda text: None))) / 60.0
+    minutes = sum(seconds for _, seconds in expected_run(c, *target_and_model(file, lambda text: None))) / 60.0
     low, high = c.limits.temperature_degC
     controller = c.bench.controller
-    voice.say(
+    terminal.print(
         f"It heats: {controller.driver} at {controller.port}, about {minutes:.1f} min, "
         f"limits {low:g} to {high:g} degC and {c.limits.current_A:g} A. Run {file.path}? [y/N]"
     )
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def _run_again(options: argparse.Namespace, file: ConfigurationFile, out: Path, guard: Guard, voice: Voice) -> int:
-    """As `peltier run` does it; what a daemon does ends with its status. Raises what ends a run."""
+def _run_again(
+    options: argparse.Namespace, file: ConfigurationFile, out: Path, guard: Guard, terminal: Terminal
+) -> int:
+    """Run as `peltier run` does; return the exit status if a daemon ran it, else 0. Raises what ends a run."""
     from rig.experiment.session import run
     from rig.report.run import write_live_report
 
@@ -153,8 +153,8 @@ def _run_again(options: argparse.Namespace, file: ConfigurationFile, out: Path, 
     if status is not None:
         return status
     try:
-        with voice.progress(file.content.virtual_time) as progress:
-            run(file, out, voice.say, progress, guard, write_live_report)
+        with terminal.progress(file.content.virtual_time) as progress:
+            run(file, out, terminal.print, progress, guard, write_live_report)
     except BaseException as error:
         error.add_note(f"the diagnosis is in {out.parent / 'diagnosis'}")
         raise
@@ -162,17 +162,18 @@ def _run_again(options: argparse.Namespace, file: ConfigurationFile, out: Path, 
 
 
 def _compared(improvement: Improvement, found: Improvable, second: Path) -> Improvement:
-    """With what the second run gave."""
-    from rig.analysis.gained import followed, gained
-    from rig.report.run_rows import recorded_run
+    """Add the result of the second run."""
+    from rig.analysis.error import target_error
+    from rig.experiment.improvement import gain_of
+    from rig.records.recorded_run import recorded_run
 
-    after = followed(recorded_run(second))
-    gain = gained(improvement.first, after) if found.comparable else None
+    after = target_error(recorded_run(second))
+    gain = gain_of(improvement.first, after) if found.comparable else None
     return replace(improvement, second=second, after=after, gained=gain)
 
 
-def _told(improvement: Improvement, voice: Voice) -> None:
-    """To the terminal, as a page and as JSON."""
+def _report(improvement: Improvement, terminal: Terminal) -> None:
+    """Report to the terminal, as a page and as JSON."""
     from rig.core.file_writing import write_text
     from rig.records.run_folder import plain_json
     from rig.report.improvement import lines, write_improvement
@@ -180,7 +181,7 @@ def _told(improvement: Improvement, voice: Voice) -> None:
     write_improvement(improvement)
     write_text(improvement.folder / "improvement.json", plain_json(improvement.document()) + "\n")
     for line in lines(improvement):
-        voice.say(line)
-    voice.say(f"model: {improvement.model}")
-    voice.say(f"report: {improvement.folder / 'report.html'}")
-    voice.report(improvement.document())
+        terminal.print(line)
+    terminal.print(f"model: {improvement.model}")
+    terminal.print(f"report: {improvement.folder / 'report.html'}")
+    terminal.write_json(improvement.document())

@@ -24,7 +24,7 @@ from rig.command.record_arguments import (
     read_records,
     writable_file,
 )
-from rig.command.say import Voice
+from rig.command.terminal import Terminal
 from rig.core.faults import fault
 from rig.records.record_file import print_columns, write_columns
 
@@ -40,14 +40,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.analysis.beyond_seen import beyond_seen
-    from rig.analysis.inverted import inverted, jump_warning, target_name
+    from rig.analysis.film_records import beyond_seen
+    from rig.analysis.inversion import inverted, order_warning, target_name
     from rig.config.model_file import read_model
 
     if options.out is not None:
         writable_file(options.out)
     limits_degC = parsed_limits(options.limits)
-    voice = Voice("-" if options.out is None else options.json)
+    terminal = Terminal("-" if options.out is None else options.json)
     model = read_model(options.model, needs=("film",))
     film = model.film
     assert film is not None
@@ -56,7 +56,7 @@ def main(options: argparse.Namespace) -> int:
     if wanted not in record.columns:
         raise fault(options.target, wanted, f"missing; there are {', '.join(record.columns)}")
     found = inverted(film, record[wanted], options.target, limits_degC, options.initial, model.mixing)
-    warnings = jump_warning(film, limits_degC, options.model), beyond_seen(model, found.asked_degC, options.model)
+    warnings = order_warning(film, options.model, limits_degC), beyond_seen(model, found.asked_degC, options.model)
     for warning in warnings:
         if warning is not None:
             print(warning, file=sys.stderr)
@@ -66,9 +66,9 @@ def main(options: argparse.Namespace) -> int:
     else:
         print_columns(sys.stdout, table)
     reached, rows, counts = int(np.sum(found.reachable)), found.reachable.size, found.evaluations
-    voice.say(f"{reached} of {rows} targets reachable, {np.mean(counts):.2f} evaluations a row")
+    terminal.print(f"{reached} of {rows} targets reachable, {np.mean(counts):.2f} evaluations a row")
     if options.json is not None:
-        Voice(options.json).report(
+        Terminal(options.json).write_json(
             {
                 "format": "peltier-inversion/1",
                 "rows": rows,

@@ -75,7 +75,7 @@ def _off(options: argparse.Namespace) -> int:
 
 
 def _nothing_on(port: str, config: Path, others: list[str], target: str | None) -> int:
-    """Nobody simulates this configuration's rig. others: daemons that run, of other configurations."""
+    """Report that nobody simulates this configuration's rig. others: daemons that run, of other configurations."""
     write_json(target, {"off": True, "confirmed": True, "took_s": 0.0})
     text = f"{port}: simulated, and no daemon serves {config}: nothing is on"
     if others:
@@ -85,7 +85,7 @@ def _nothing_on(port: str, config: Path, others: list[str], target: str | None) 
 
 
 def _controller(path: Path) -> Held:
-    """What opens the controller, without the schema, which takes longer to load than the rest."""
+    """Return what opens the controller, without the schema, which takes longer to load than the rest."""
     from rig.config.toml_file import read_toml
     from rig.drivers.registry import beside
     from rig.guard.takeover import Held
@@ -106,6 +106,7 @@ def _controller(path: Path) -> Held:
 
 
 def _who(client: Client) -> dict[str, Any]:
+    """Return a daemon's answer on itself; empty if it has none."""
     try:
         try:
             return dict(client.ask("GET", "/daemon"))
@@ -116,13 +117,13 @@ def _who(client: Client) -> dict[str, Any]:
 
 
 def _serves(client: Client, config: Path) -> bool:
-    """Whether a daemon was started with this file."""
+    """Return True if a daemon was started with this file."""
     served = _who(client).get("configuration")
     return isinstance(served, str) and os.path.realpath(served) == os.path.realpath(config)
 
 
 def _holds(client: Client, port: str) -> bool:
-    """Whether a daemon holds this real port."""
+    """Return True if a daemon holds this real port."""
     ports = _who(client).get("ports", [])
     return any(port == held or os.path.realpath(port) == os.path.realpath(held) for held in ports)
 
@@ -165,7 +166,8 @@ def _switched_off(held: Held, target: str | None) -> int:
 
 
 def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
-    """The controller on its port, or None and what stood in the way; and whether another process had to give up on it.
+    """Open the controller on its port; return it, or None and what stood in the way, and True if another process had to
+    give up on it.
 
     Raises Faults, PortHeld.
     """
@@ -197,7 +199,7 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
 
 
 def _still_held(error: PortHeld) -> PortHeld:
-    """The same with what is known of the output then, and what to do."""
+    """Add what is known of the output then, and what to do."""
     end = "stopping that process" if error.pid is None else f"`kill {error.pid}`, or Ctrl-C where it runs,"
     error.add_note(
         "nothing was sent, and the output may be on: "

@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 from rig.command.record_arguments import add_json_argument
-from rig.command.say import Voice
+from rig.command.terminal import Terminal
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,7 @@ def main(options: argparse.Namespace) -> int:
 
     from rig.ports.open import holder
 
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     known = {port.device: port for port in sorted(comports())}
     found = []
     for name in options.ports or known:
@@ -41,21 +41,21 @@ def main(options: argparse.Namespace) -> int:
             "held_by": process,
         }
         text = f"{port.description}  {port.serial_number or ''}" if port is not None else "not listed"
-        voice.say(f"{name:<20} {text}  {held}")
+        terminal.print(f"{name:<20} {text}  {held}")
         if options.ask and process is None:
-            entry |= _asked(name, voice)
+            entry |= _asked(name, terminal)
         found.append(entry)
     if not found:
-        voice.say("no serial port is there (a pseudo-terminal or socket:// is not listed)")
-    voice.report({"format": "peltier-ports/1", "ports": found})
+        terminal.print("no serial port is there (a pseudo-terminal or socket:// is not listed)")
+    terminal.write_json({"format": "peltier-ports/1", "ports": found})
     return 0
 
 
-def _asked(port: str, voice: Voice) -> dict[str, Any]:
-    """Who answers there, by the driver that understands it."""
+def _asked(port: str, terminal: Terminal) -> dict[str, Any]:
+    """Ask who answers at a port, by the driver that understands it."""
     from rig.core.clock import RealClock
     from rig.core.errors import RigError
-    from rig.core.terminal_line import TerminalLine
+    from rig.core.streams import TerminalLine
     from rig.drivers.registry import tries
 
     line = TerminalLine(sys.stderr)
@@ -64,16 +64,16 @@ def _asked(port: str, voice: Voice) -> dict[str, Any]:
         for tried in tries(port, RealClock(), lambda text: line.show(f"{'':<20} {text}")):
             line.clear()
             if tried.identity is not None:
-                voice.say(f'{"":<20} {tried.identity}: driver = "{tried.driver}"')
+                terminal.print(f'{"":<20} {tried.identity}: driver = "{tried.driver}"')
                 return {"driver": tried.driver, "instrument": str(tried.identity)}
             if tried.came is not None:
                 came.setdefault(tried.came, []).append(tried.driver)
     except RigError as error:
         line.clear()
-        voice.say(f"{'':<20} {error}")
+        terminal.print(f"{'':<20} {error}")
         return {"driver": None, "error": str(error)}
     for text, drivers in came.items():
-        voice.say(f"{'':<20} {text}, asked as {', '.join(dict.fromkeys(drivers))}")
+        terminal.print(f"{'':<20} {text}, asked as {', '.join(dict.fromkeys(drivers))}")
     said = "somebody answers, and is not understood" if came else "nobody answers"
-    voice.say(f"{'':<20} {said} (other line settings? see docs/instruments.md)")
+    terminal.print(f"{'':<20} {said} (other line settings? see docs/instruments.md)")
     return {"driver": None, **({"came": list(came)} if came else {})}

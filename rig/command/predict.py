@@ -21,7 +21,7 @@ from rig.command.record_arguments import (
     writable_file,
     writable_folder,
 )
-from rig.command.say import Voice
+from rig.command.terminal import Terminal
 from rig.core.faults import fault
 from rig.records.record_file import Record, write_columns
 
@@ -59,7 +59,7 @@ def main(options: argparse.Namespace) -> int:
         writable_file(options.out)
     if options.report is not None:
         writable_folder(options.report)
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     if options.effect_file:
         from rig.config.effect_tables import add_effect_files
 
@@ -69,85 +69,46 @@ def main(options: argparse.Namespace) -> int:
     several = len(records) > 1
     if options.out is not None and several:
         raise fault("--out", str(options.out), "expected a single RECORD; --report DIR writes a page for each")
-    from rig.analysis.prediction_error import require_something_to_predict  # seconds: after what may be refused
-    from rig.experiment.feasible import order_warning
+    from rig.analysis.prediction import require_something_to_predict  # seconds: after what may be refused
 
     for record in records:
         require_something_to_predict(model, record, options.model, options.drive)
-    warning = order_warning(model.film, options.model) if model.film is not None else None
-    if warning is not None:
-        print(warning, file=sys.stderr)
-    results, compared = [], True
+    results, complete = [], True
     for record in records:
         folder = options.report
         if several:
-            voice.say(f"{record.source}:")
+            terminal.print(f"{record.source}:")
             folder = options.report / Path(record.source).stem if options.report is not None else None
-        result, errors = _predicted(model, record, folder, options, voice)
+        result, errors = _predicted(model, record, folder, options, terminal)
         results.append(result)
-        compared = compared and errors > 0
-    voice.report(results if several else results[0])
-    return 0 if compared or options.out is not None else 2
+        complete = complete and errors > 0
+    terminal.write_json(results if several else results[0])
+    return 0 if complete or options.out is not None else 2
 
 
 def _predicted(
-    model: Model, record: Record, folder: Path | None, options: argparse.Namespace, voice: Voice
+    model: Model, record: Record, folder: Path | None, options: argparse.Namespace, terminal: Terminal
 ) -> tuple[dict[str, Any], int]:
-    """One record beside the model: lines, files, and the JSON; and how many channels were compared."""
-    from rig.analysis.beyond_seen import beyond_seen
-    from rig.analysis.predicted import predicted
-    from rig.analysis.prediction_error import (
-        errors_of,
-        fitted_values,
-        gap_note,
-        left_out,
-        predicted_columns,
-        room_note,
-        told_in_words,
-    )
+    """Predict one record, print and write what is asked for; return the JSON and how many channels were compared."""
+    from rig.analysis.prediction import compared
 
-    result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
-    note = left_out(model, record)
-    if note is not None:
-        print(note, file=sys.stderr)
     how = {"initial": options.initial, "drive": options.drive, "first_s": options.first}
-    found = predicted(model, record, options.model, **how)
-    beyond = beyond_seen(model, record["temperature_degC"], options.model)
-    if beyond is not None:
-        print(beyond, file=sys.stderr)
-    notes = [f"{record.source}: {line}" for line in record.left_out_lines()]
-    notes += [note for note in (gap_note(found, record), room_note(found, model, record)) if note is not None]
-    for note in notes:
-        voice.say(note)
-    if notes:
-        result["notes"] = notes
-    result["left_out"] = record.left_out_document()
-    if found.driven_by is not None:
-        result["film_driven_by"] = found.driven_by
-    fitted = fitted_values(found, model)
-    if fitted:
-        result["fitted"] = fitted
-        values = ", ".join(f"{name} {_short(value)}" for name, value in fitted.items() if name != "rows")
-        voice.say(f"fitted to {told_in_words(found, record['time_s'], options.first)}: {values}")
-    errors = errors_of(found, model, record)
-    for error in errors:
-        result |= error.document()
-        voice.say(error.in_words())
-    if not errors:
+    found = compared(model, record, options.model, **how)
+    for warning in found.warnings:
+        print(warning, file=sys.stderr)
+    for line in found.lines(options.first):
+        terminal.print(line)
+    result = found.document(options.model)
+    if not found.errors:
         needed = "expected readings of the film, or temperature with current and a model with a [plate]"
         print(f"{record.source}: nothing to compare; {needed}", file=sys.stderr)
     if options.out is not None:
-        columns = predicted_columns(found, model, errors)
-        write_columns(options.out, {**record.raw_columns(), **record.text_columns, **columns})
-        voice.say(f"predictions: {options.out}")
+        write_columns(options.out, {**record.raw_columns(), **record.text_columns, **found.columns})
+        terminal.print(f"predictions: {options.out}")
     if folder is not None:
-        from rig.report.prediction import write_prediction_report
+        from rig.report.model_pages import write_prediction_report
 
         folder.mkdir(parents=True, exist_ok=True)
-        write_prediction_report(folder, result, record["time_s"], record["temperature_degC"], errors)
-        voice.say(f"report: {folder / 'report.html'}")
-    return result, len(errors)
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else "none" if value is None else str(value)
+        write_prediction_report(folder, result, record["time_s"], record["temperature_degC"], found.errors)
+        terminal.print(f"report: {folder / 'report.html'}")
+    return result, len(found.errors)

@@ -1,20 +1,26 @@
-"""How far `run` and `calibrate` are, in one line: phase, time, total, time to go, temperature, resistance, current."""
+"""Progress in one line: of an experiment (phase, time, readings), or of many cases (done, time to go)."""
 
 from __future__ import annotations
 
 import math
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING
 
-from rig.control.decision import Tick
-from rig.core.reading import Reading
-from rig.core.terminal_line import PatientLine, TerminalLine
+from rig.core.streams import PatientLine, TerminalLine
 from rig.daemon.status_text import clock, number, resistance
 from rig.drivers.controller import OF_FULL_DRIVE
-from rig.experiment.expected import Phases, still_to_come
+
+if TYPE_CHECKING:
+    from rig.control.decision import Tick
+    from rig.core.reading import Reading
+    from rig.experiment.phases import Phases
 
 
 class Progress:
-    """An onlooker (`rig.experiment.expected`) that shows in a line how far an experiment is. virtual: in simulated
-    time, which passes faster than the user's, and is called so."""
+    """An onlooker (`rig.experiment.phases`) that shows the progress of an experiment in a line. virtual: True if its
+    time is simulated, which the line then says."""
 
     def __init__(self, line: TerminalLine | PatientLine, virtual: bool = False) -> None:
         self._line, self._about = line, "a simulated" if virtual else "about"
@@ -24,18 +30,21 @@ class Progress:
         self._drive_unit, self._quantity = "A", "resistance_ohm"
 
     def expect(self, phases: Phases, drive_unit: str, quantity: str) -> None:
-        """The phases to come. drive_unit: "A", or a heater's; quantity: the meter's column, "" where there is none."""
+        """Take the phases to come. drive_unit: "A", or a heater's; quantity: column of the meter, "" if there is
+        none."""
         self._coming = list(phases)
         self._drive_unit, self._quantity = drive_unit, quantity
 
     def phase(self, name: str, done_s: float, of_s: float) -> None:
-        """A phase goes on; those that were expected before it are over."""
+        """Take how far a phase is; those that were expected before it are over."""
+        from rig.experiment.phases import still_to_come  # loaded by the experiment that calls
+
         if done_s == 0.0:
             self._coming = still_to_come(self._coming, name)
         self._now = (name, done_s, of_s)
 
     def tick(self, tick: Tick) -> None:
-        """Show where it is, if that is due."""
+        """Show the line, if it is due."""
         if tick.time_s < self._run_s:
             self._before_s += self._run_s
         self._run_s = tick.time_s
@@ -44,17 +53,17 @@ class Progress:
 
     @property
     def elapsed_s(self) -> float:
-        """Since the first run began, s."""
+        """Time since the first run began, s."""
         return self._before_s + self._run_s
 
     @property
     def to_go_s(self) -> float:
-        """What is left of this phase, and what is expected after it, s."""
+        """Time left of this phase, and expected after it, s."""
         _, done_s, of_s = self._now
         return max(of_s - done_s, 0.0) + sum(seconds for _, seconds in self._coming)
 
     def in_words(self, tick: Tick) -> str:
-        """The line."""
+        """Return the line."""
         total = f"{clock(self.elapsed_s)} of {self._about} {clock(self.elapsed_s + self.to_go_s)}"
         parts = [f"{tick.phase:<9} {total}, {clock(self.to_go_s)} to go", number(_value(tick.temperature), "degC", 2)]
         if self._quantity:
@@ -70,3 +79,36 @@ class Progress:
 
 def _value(reading: Reading | None) -> float:
     return reading.value if reading is not None and reading.is_number else math.nan
+
+
+class CaseProgress:
+    """Context with a line on stderr: how many of many cases are done."""
+
+    def __enter__(self) -> CaseProgress:
+        self._line = TerminalLine(sys.stderr)
+        self._began_s = time.monotonic()
+        self._first: int | None = None  # done before the first one ended: those took no time of this command
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._line.clear()
+
+    def show(self, done: int, of: int) -> None:
+        """Show that `done` of `of` cases have ended."""
+        if self._first is None:
+            self._first = done - 1
+        since_s = time.monotonic() - self._began_s
+        if self._line.due() or done == of:
+            to_go_s = since_s * (of - done) / max(done - self._first, 1)
+            self._line.show(f"{done} of {of} cases   {clock(since_s)}, {clock(to_go_s)} to go")
+
+    def clear(self) -> None:
+        """Clear the line, so that what is printed next begins a line of its own."""
+        self._line.clear()
+
+    def print(self, text: str) -> None:
+        """Print a line that stays."""
+        self.clear()
+        print(text, file=sys.stderr, flush=True)

@@ -22,7 +22,7 @@ MOST_NAMED = 3  # files, in a line that is about all of them
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
-    """--column OURS=THEIRS[|OTHER...][@UNIT], repeatable, --decimal, and what a file without times does not say."""
+    """Add --column, --decimal, and what a file without times does not say: --period, --reversed, --branches."""
     parser.add_argument(
         "--column",
         action="append",
@@ -44,7 +44,7 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def rows_of(options: argparse.Namespace) -> RowOrder:
-    """What was typed of the order of the rows. Raises Faults."""
+    """Return the order of the rows that was typed. Raises Faults."""
     from rig.records.branches import RowOrder
 
     if options.period is not None and not 0.0 < options.period < math.inf:
@@ -55,7 +55,8 @@ def rows_of(options: argparse.Namespace) -> RowOrder:
 def read_records(
     paths: Sequence[Path], options: argparse.Namespace, needs: Iterable[str] = ("temperature_degC",)
 ) -> list[Record]:
-    """The records of a verb, by its arguments; what was taken for what is printed on stderr. Raises Faults, of all."""
+    """Read the records of a verb by its arguments, and print how columns were read on stderr. Raises the Faults of
+    all."""
     records, refused = _read(read_each(paths, options, needs))
     if refused:
         raise Faults(_faults_of(refused))
@@ -65,7 +66,7 @@ def read_records(
 def read_each(
     paths: Sequence[Path], options: argparse.Namespace, needs: Iterable[str] = ("temperature_degC",)
 ) -> list[Record | Refused]:
-    """The same for a verb that goes on without those that are refused, in the order of the paths. Raises Faults where
+    """Read records for a verb that goes on without those that are refused, in the order of the paths. Raises Faults if
     none is left."""
     from rig.records.branches import join_branches
     from rig.records.record import Refused
@@ -93,7 +94,7 @@ def read_each(
 
 
 def _faults_of(refused: Iterable[Refused]) -> list[str]:
-    """The lines of files that were refused; one about names that several files have is one line."""
+    """Return the lines of files that were refused; one about names that several files have is one line."""
     sources: dict[str, list[str]] = {}
     for one in refused:
         for line in one.faults:
@@ -107,7 +108,7 @@ def _faults_of(refused: Iterable[Refused]) -> list[str]:
 
 
 def _read(found: Iterable[Record | Refused]) -> tuple[list[Record], list[Refused]]:
-    """Those that were read, and those that were refused."""
+    """Return the records that were read, and those that were refused."""
     from rig.records.record import Refused
 
     records: list[Record] = []
@@ -121,23 +122,24 @@ def _read(found: Iterable[Record | Refused]) -> tuple[list[Record], list[Refused
 
 
 def add_effect_file_argument(parser: argparse.ArgumentParser, which: str = "") -> None:
-    """--effect-file FILE, repeatable. which: of what an effect of one's own is."""
+    """Add --effect-file, repeatable. which: of what a user-defined effect is."""
     parser.add_argument(
         "--effect-file",
         action="append",
         default=[],
         type=Path,
         metavar="FILE",
-        help=f"a Python file with an effect of one's own{which} (repeatable)",
+        help=f"a Python file with a user-defined effect{which} (repeatable)",
     )
 
 
 def add_json_argument(parser: argparse.ArgumentParser) -> None:
+    """Add --json."""
     parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
 
 
 def add_output_argument(parser: argparse.ArgumentParser) -> None:
-    """--output COLUMN."""
+    """Add --output."""
     parser.add_argument(
         "--output",
         default=FALLING_RESISTANCE,
@@ -148,7 +150,7 @@ def add_output_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def parsed_limits(text: str) -> tuple[float, float]:
-    """LOW,HIGH in degC. Raises Faults."""
+    """Return (low, high) in degC of a text LOW,HIGH. Raises Faults."""
     try:
         low, high = (float(part) for part in text.split(","))
     except ValueError:
@@ -159,7 +161,7 @@ def parsed_limits(text: str) -> tuple[float, float]:
 
 
 def writable_parent(path: Path) -> None:
-    """Refuse an output that cannot be written, before anything is computed. Raises Faults."""
+    """Raise Faults for an output that cannot be written, before anything is computed."""
     try:
         folder = path.resolve().parent
         there = folder.is_dir()
@@ -173,14 +175,14 @@ def writable_parent(path: Path) -> None:
 
 
 def writable_file(path: Path) -> None:
-    """The same for a file, which no folder may stand in the way of."""
+    """Raise Faults for a file that cannot be written."""
     writable_parent(path)
     if path.is_dir():
         raise fault(path, "", "is a folder; expected a file")
 
 
 def writable_folder(path: Path) -> None:
-    """The same for a folder, in whose place there may be one already."""
+    """Raise Faults for a folder that cannot be written; it may exist."""
     writable_parent(path)
     if path.exists() and not path.is_dir():
         raise fault(path, "", "is a file; expected a folder")

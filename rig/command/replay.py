@@ -10,10 +10,10 @@ the run's model.toml.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from rig.command.record_arguments import add_json_argument, writable_file
+from rig.command.terminal import Terminal, to_stderr
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,42 +24,41 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.command.say import Voice
-    from rig.rehearsal.replayed import replay_run
+    from rig.experiment.replay import replay_run
 
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     if options.config is not None:
-        return _twin(options, voice)
+        return _twin(options, terminal)
     replay = replay_run(options.run)
     same = replay.compared - replay.different
-    voice.say(f"{same} of {replay.compared} commands are the same, bit for bit")
+    terminal.print(f"{same} of {replay.compared} commands are the same, bit for bit")
     for name, (then, now) in replay.other_versions.items():
-        voice.say(f"the run was made with {name} {then}, this is {now}: bits may differ")
+        terminal.print(f"the run was made with {name} {then}, this is {now}: bits may differ")
     if replay.different:
-        voice.say(f"largest difference {replay.largest:.3g}, the first at {replay.first_different_s:g} s")
-    voice.report({"format": "peltier-replay/1", "run": options.run, **replay.__dict__})
+        terminal.print(f"largest difference {replay.largest:.3g}, the first at {replay.first_different_s:g} s")
+    terminal.write_json({"format": "peltier-replay/1", "run": options.run, **replay.__dict__})
     return 0 if replay.different == 0 else 1
 
 
-def _twin(options: argparse.Namespace, voice: object) -> int:
-    from rig.command.say import Voice
+def _twin(options: argparse.Namespace, terminal: Terminal) -> int:
+    from rig.analysis.error import target_error
+    from rig.experiment.replay import twin_configuration
+    from rig.experiment.simulation import simulate
     from rig.records.record_file import write_columns
-    from rig.rehearsal.replayed import twin_configuration
-    from rig.rehearsal.simulated import simulate, target_error
 
-    assert isinstance(voice, Voice)
     if options.out is not None:
         writable_file(options.out)
     file = twin_configuration(options.run, options.config)
-    with voice.progress(virtual=True) as progress:
-        simulated = simulate(file, lambda text: print(text, file=sys.stderr, flush=True), progress)
+    with terminal.progress(virtual=True) as progress:
+        simulated = simulate(file, to_stderr, progress)
     if options.out is not None:
         write_columns(options.out, simulated.columns)
-        voice.say(f"record: {options.out}, {simulated.rows} rows")
-    error = target_error(simulated)
+        terminal.print(f"record: {options.out}, {simulated.rows} rows")
+    found = target_error(simulated)
+    error = found.document() if found is not None else {}
     for name, value in error.items():
-        voice.say(f"{name}: {value:.4g}")
-    voice.report({"format": "peltier-replay/1", "run": options.run, "configuration": options.config, **error})
+        terminal.print(f"{name}: {value:.4g}")
+    terminal.write_json({"format": "peltier-replay/1", "run": options.run, "configuration": options.config, **error})
     if simulated.ended is not None:
         raise simulated.ended
     return 0

@@ -15,7 +15,7 @@ from rig.config.toml_file import shown
 from rig.core.faults import fault
 
 if TYPE_CHECKING:
-    from rig.report.run_rows import RunRows
+    from rig.records.recorded_run import RunRows
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +24,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.report.run_rows import recorded_inside, recorded_run
+    from rig.records.recorded_run import recorded_inside, recorded_run
 
     inside = recorded_inside(options.folder)
     if not inside:
@@ -40,7 +40,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _written(run: RunRows, out: Path) -> Path:
-    """The page of a run, written into a folder that is there. Raises Faults."""
+    """Write the page of a run into a folder that is there; return its path. Raises Faults."""
     from rig.report.run import write_run_report
 
     try:
@@ -54,7 +54,7 @@ def _written(run: RunRows, out: Path) -> Path:
 
 
 def _made(out: Path) -> Path:
-    """The folder, made where it is missing. Raises Faults."""
+    """Make a folder if it is missing. Raises Faults."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

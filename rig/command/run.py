@@ -26,25 +26,24 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace, guard: Guard) -> int:
-    """The imports are here, on the working process's side of the guard."""
-    from rig.command.say import Voice
+    """Do the work of the verb, in the process behind the guard, where its imports belong."""
+    from rig.command.terminal import Terminal
     from rig.config.configuration import read_configuration
 
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     file = read_configuration(options.config)
     require_who_switches_off(file, guard, options.unguarded)
     from rig.drivers.registry import controller_class
     from rig.experiment.session import run
-    from rig.experiment.summaries import summary
     from rig.report.run import write_live_report
     from rig.safety.switching_off import off_confirmed
 
-    with voice.progress(file.content.virtual_time) as progress:
-        result = run(file, options.out, voice.say, progress, guard, write_live_report)
+    with terminal.progress(file.content.virtual_time) as progress:
+        result = run(file, options.out, terminal.print, progress, guard, write_live_report)
     calibration = result.calibration
     if calibration is not None:
-        voice.say(f"model: {calibration.model_path}")
-    voice.say(off_confirmed(controller_class(file.content.bench.controller.driver)))
-    voice.say(f"report: {result.folder / 'report.html'}")
-    voice.report(summary(result))
+        terminal.print(f"model: {calibration.model_path}")
+    terminal.print(off_confirmed(controller_class(file.content.bench.controller.driver)))
+    terminal.print(f"report: {result.folder / 'report.html'}")
+    terminal.write_json(result.document())
     return 0

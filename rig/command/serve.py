@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rig.core.posix_only import require
+from rig.core.requirements import require
 from rig.guard.needed import guarded_where_needed
 from rig.guard.pipe import Guard
 
@@ -26,7 +26,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _serve(options: argparse.Namespace, guard: Guard) -> int:
-    """The bench process: the guard's child where ports are real."""
+    """Run the bench process: the guard's child if ports are real."""
     from rig.config.configuration import read_configuration
     from rig.daemon.serving import bench_of, serve
 

@@ -8,10 +8,10 @@ that is left out takes the geometric middle of its usual sizes.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from rig.command.record_arguments import add_effect_file_argument, add_json_argument, writable_file
+from rig.command.terminal import Terminal, to_stderr
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,25 +30,21 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.command.say import Voice
+    from rig.experiment.simulation import read_simulation, simulate
     from rig.records.record_file import write_columns
-    from rig.rehearsal.simulated import read_simulation, simulate
 
     writable_file(options.out)
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     file = read_simulation(options.config, options.effect, options.effect_file, options.seed)
 
-    def tell(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
-
-    with voice.progress(virtual=True) as progress:
-        simulated = simulate(file, tell, progress)
+    with terminal.progress(virtual=True) as progress:
+        simulated = simulate(file, to_stderr, progress)
     write_columns(options.out, simulated.columns)
     for effect in simulated.effects:
         parameters = ", ".join(f"{name} = {value:g}" for name, value in effect.values().items())
-        voice.say(f"{effect.name}: {parameters}")
-    voice.say(f"record: {options.out}, {simulated.rows} rows")
-    voice.report(
+        terminal.print(f"{effect.name}: {parameters}")
+    terminal.print(f"record: {options.out}, {simulated.rows} rows")
+    terminal.write_json(
         {
             "format": "peltier-simulation/1",
             "record": options.out,

@@ -24,8 +24,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rig.command.many_arguments import add_engine_arguments, engine_choice
+from rig.command.batch import add_engine_arguments, announce_refused, engine_choice, print_refused
+from rig.command.progress import CaseProgress
 from rig.command.record_arguments import add_json_argument
+from rig.command.terminal import Terminal
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,36 +39,31 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.command.many_progress import ManyProgress
-    from rig.command.say import Voice
+    from rig.experiment.sweep import read_sweep, row_in_words, sweep
     from rig.records.record import Refused
-    from rig.rehearsal.swept import read_sweep, row_in_words, sweep
 
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     choice = engine_choice(options)
     todo = read_sweep(options.config)
-    refused = [record for record in todo.records if isinstance(record, Refused)]
+    announce_refused(todo.records)
     for record in todo.records:
-        if isinstance(record, Refused):
-            print(f"{record.source}: is refused, the others go on; the end says why", file=sys.stderr, flush=True)
         for line in () if isinstance(record, Refused) else record.notes:
             print(f"{record.source}: {line}", file=sys.stderr)
-    with ManyProgress() as progress:
+    with CaseProgress() as progress:
 
-        def tell(done: int, of: int, row: dict[str, Any]) -> None:
+        def on_done(done: int, of: int, row: dict[str, Any]) -> None:
             if row["status"] != "done":
-                progress.say(row_in_words(row))
+                progress.print(row_in_words(row))
             progress.show(done, of)
 
-        rows = sweep(todo, options.out, choice, options.records, tell)
-    for line in (line for record in refused for line in record.faults):
-        print(line, file=sys.stderr)
+        rows = sweep(todo, options.out, choice, options.records, on_done)
+    print_refused(todo.records)
     failed = sum(1 for row in rows if row["status"] != "done")
-    voice.say(f"{len(rows)} cases, {failed} of them ended early or failed: {options.out / 'sweep.csv'}")
-    from rig.report.many_figure import draw_many
+    terminal.print(f"{len(rows)} cases, {failed} of them ended early or failed: {options.out / 'sweep.csv'}")
+    from rig.report.batch import draw_sweep
 
-    figure = draw_many(rows, options.out / "sweep.svg")
+    figure = draw_sweep(rows, options.out / "sweep.svg")
     if figure is not None:
-        voice.say(f"figure: {figure}")
-    voice.report({"format": "peltier-sweep/1", "table": options.out / "sweep.csv", "rows": rows})
-    return 2 if refused else 0
+        terminal.print(f"figure: {figure}")
+    terminal.write_json({"format": "peltier-sweep/1", "table": options.out / "sweep.csv", "rows": rows})
+    return 2 if any(isinstance(record, Refused) for record in todo.records) else 0

@@ -12,8 +12,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from rig.command.many_arguments import add_engine_arguments, engine_choice
+from rig.command.batch import add_engine_arguments, engine_choice
+from rig.command.progress import CaseProgress
 from rig.command.record_arguments import add_json_argument
+from rig.command.terminal import Terminal
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,40 +27,38 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     from rig.analysis.trend import series_of
-    from rig.command.many_progress import ManyProgress
-    from rig.command.say import Voice
+    from rig.experiment.sweep import diagnose_runs
     from rig.records.run_folder import find_runs
-    from rig.rehearsal.run_diagnoses import diagnose_runs
-    from rig.report.trend import write_trend_report
+    from rig.report.batch import write_trend_report
 
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     choice = engine_choice(options)
     runs = find_runs(options.folder)
-    with ManyProgress() as progress:
+    with CaseProgress() as progress:
 
-        def tell(done: int, of: int, row: dict[str, Any]) -> None:
+        def on_done(done: int, of: int, row: dict[str, Any]) -> None:
             if row["status"] != "done":
-                progress.say(f"{row['run']}: {row.get('text', '')}")
+                progress.print(f"{row['run']}: {row.get('text', '')}")
             progress.show(done, of)
 
-        rows = diagnose_runs(runs, options.folder, options.out, choice, tell)
+        rows = diagnose_runs(runs, options.folder, options.out, choice, on_done)
     series = series_of(rows)
     for one in series:
-        voice.say(one.in_words())
+        terminal.print(one.in_words())
     if not series:
-        voice.say(f"no effect was named in {len(rows)} runs")
-    from rig.many.journal import write_table
+        terminal.print(f"no effect was named in {len(rows)} runs")
+    from rig.batch.journal import write_table
 
     write_table(options.out / "effects.csv", [one.row() for one in series])
     linked = [{**row, "link": _link(options.folder / str(row["run"]) / "report.html", options.out)} for row in rows]
     write_trend_report(options.out, series, linked)
-    voice.say(f"report: {options.out / 'report.html'}")
-    voice.report({"format": "peltier-trend/1", "effects": [one.row() for one in series], "runs": rows})
+    terminal.print(f"report: {options.out / 'report.html'}")
+    terminal.write_json({"format": "peltier-trend/1", "effects": [one.row() for one in series], "runs": rows})
     return 0
 
 
 def _link(report: Path, out: Path) -> str:
-    """From the page to a run's report; "" where it has none."""
+    """Return the address of a run's report from the page; "" if it has none."""
     import os
 
     return Path(os.path.relpath(report.resolve(), out.resolve())).as_posix() if report.is_file() else ""

@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.command.record_arguments import add_json_argument, writable_folder
-from rig.command.say import Voice
+from rig.command.terminal import Terminal
 from rig.core.faults import fault
 
 if TYPE_CHECKING:
     from compensator.control.design import Design
     from compensator.control.law import Law
     from compensator.control.margins import LimitCycle
-    from rig.experiment.own_pid import OwnTuning
-    from rig.experiment.tuning import WholeLaw
+    from rig.experiment.tuning import OwnTuning, WholeLaw
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,15 +35,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     from rig.config.configuration import read_configuration
     from rig.config.model_file import read_model
-    from rig.experiment.own_pid import own_tuning
-    from rig.experiment.summaries import design_table
-    from rig.experiment.tracking import law_and_design, timing_of
-    from rig.experiment.tuning import film_cycles, law_table, own_table, tuned_law
+    from rig.experiment.tracking import design_document, law_and_design, timing_of
+    from rig.experiment.tuning import film_cycles, law_table, own_table, own_tuning, tuned_law
     from rig.records.film_output import column_of, in_decades, unit_of
 
     if options.report is not None:
         writable_folder(options.report)
-    voice = Voice(options.json)
+    terminal = Terminal(options.json)
     file = read_configuration(options.config)
     configuration = file.content
     if configuration.experiment.model is None:
@@ -63,18 +60,20 @@ def main(options: argparse.Namespace) -> int:
     _, by_output = law_and_design("pid", configuration, model.film, model.plate)
     cycles = film_cycles(model.film, by_output, *configuration.limits.temperature_degC)
     if name == "full":
-        _say_gains(voice, "full: PID on temperature, output in K/s", design, ("1/s", "1/s^2"))
-    _say_margins(voice, found, law)
+        _print_gains(terminal, "full: PID on temperature, output in K/s", design, ("1/s", "1/s^2"))
+    _print_margins(terminal, found, law)
     unit = "A" if model.plate.kind == "peltier" else "of full drive"
     output = model.film.output
     what, per = "log R" if in_decades(output) else column_of(output), unit_of(output)
-    _say_gains(voice, f"pid: PID on {what} alone, output in {unit}", by_output, (f"{unit}/{per}", f"{unit}/({per} s)"))
-    voice.say(f"  swings by the film's hysteresis: {_cycles(cycles, 'K')}")
-    _say_own(voice, own, configuration.bench.controller.driver)
+    _print_gains(
+        terminal, f"pid: PID on {what} alone, output in {unit}", by_output, (f"{unit}/{per}", f"{unit}/({per} s)")
+    )
+    terminal.print(f"  swings by the film's hysteresis: {_cycles(cycles, 'K')}")
+    _print_own_pid(terminal, own, configuration.bench.controller.driver)
     result = {
         "format": "peltier-tuning/2",
-        name: {**design_table(design), "whole_law": law_table(found)},
-        "pid": {**design_table(by_output), "limit_cycles": [cycle.__dict__ for cycle in cycles]},
+        name: {**design_document(design), "whole_law": law_table(found)},
+        "pid": {**design_document(by_output), "limit_cycles": [cycle.__dict__ for cycle in cycles]},
         "instrument_pid_gains": own_table(own),
         "refused": found.refused,
     }
@@ -83,56 +82,56 @@ def main(options: argparse.Namespace) -> int:
 
         options.report.mkdir(exist_ok=True)
         write_tuning_report(options.report, options.config.name, result, found)
-        voice.say(f"report: {options.report / 'report.html'}")
-    voice.report(result)
+        terminal.print(f"report: {options.report / 'report.html'}")
+    terminal.write_json(result)
     for line in found.refused:
         print(f"{options.config}: refused: {line}", file=sys.stderr)
     return 1 if found.refused else 0
 
 
-def _say_gains(voice: Voice, title: str, design: Design, units: tuple[str, str]) -> None:
-    """units: of Kp and Ki."""
+def _print_gains(terminal: Terminal, title: str, design: Design, units: tuple[str, str]) -> None:
+    """Print gains and margins of a PID alone. units: of Kp and Ki."""
     gains, margins = design.gains, design.margins
-    voice.say(f"{title}, period {design.period_s:g} s, dead time {design.dead_time_s:g} s")
+    terminal.print(f"{title}, period {design.period_s:g} s, dead time {design.dead_time_s:g} s")
     k_p, k_i = f"Kp {gains.kp:.5g} {units[0]}", f"Ki {gains.ki:.5g} {units[1]}"
-    voice.say(f"  {k_p}   {k_i}   tracking time {gains.tracking_time_s:.3g} s   b {gains.b:g}")
-    voice.say(
+    terminal.print(f"  {k_p}   {k_i}   tracking time {gains.tracking_time_s:.3g} s   b {gains.b:g}")
+    terminal.print(
         f"  this loop alone: gain margin {margins.gain_margin:.2f}   phase margin {margins.phase_margin_deg:.1f} deg   "
         f"Ms {margins.ms:.3f}   crossover {margins.crossover_rad_per_s:.3g} rad/s"
     )
 
 
-def _say_margins(voice: Voice, found: WholeLaw, law: Law) -> None:
+def _print_margins(terminal: Terminal, found: WholeLaw, law: Law) -> None:
     from rig.experiment.tuning import PLAY_K
 
     t = found.timing
-    voice.say(
+    terminal.print(
         f"{found.name}: the whole law (estimator, resistance through the inverse, temperature, delays, plate, film),\n"
         "  the least margins of its way up and down the film's loop"
     )
-    voice.say(
+    terminal.print(
         f"  one reading of the ohmmeter moves the correction by at most {found.most_share:.2f} of what it is off;\n"
         f"  it is read {1e3 * t.output_age_s:.0f} ms before the thermometer, "
         f"a command acts {1e3 * t.acts_after_s:.0f} ms after it"
-        + (f" and {1e3 * t.late_s:.0f} ms that nobody tells" if t.late_s else "")
+        + (f" and {1e3 * t.late_s:.0f} ms that no stamp shows" if t.late_s else "")
     )
-    voice.say("  film's slope over   gain    phase margin   Ms of      Ms, at        Ms, at     disk margin")
-    voice.say("  the model's         margin  deg            the law    thermometer   ohmmeter   gain x, phase deg")
+    terminal.print("  film's slope over   gain    phase margin   Ms of      Ms, at        Ms, at     disk margin")
+    terminal.print("  the model's         margin  deg            the law    thermometer   ohmmeter   gain x, phase deg")
     for row in found.rows:
         m = row.margins
         if not m.stable:
-            voice.say(f"  {row.ratio:<19g} rings on by itself ({row.way}, {row.degC:.1f} degC)")
+            terminal.print(f"  {row.ratio:<19g} rings on by itself ({row.way}, {row.degC:.1f} degC)")
             continue
-        voice.say(
+        terminal.print(
             f"  {row.ratio:<19g} {m.gain_margin:<7.2f} {m.phase_margin_deg:<14.0f} {m.ms:<10.2f} "
             f"{_or_dash(m.at_thermometer):<13} {m.at_ohmmeter:<10.2f} {m.disk_gain:.2f}, {m.disk_phase_deg:.0f}"
         )
-    voice.say(
+    terminal.print(
         f"  it would ring on with a film {_times(found.rings_at_ratio)} as steep as the model's, "
         f"or a plate that answers {_times(found.rings_at_gain)} as much"
     )
     rest = found.rest
-    voice.say(
+    terminal.print(
         f"  a film at rest, within the band where the resistance is not fed back: gain margin {rest.gain_margin:.2f}, "
         f"Ms {rest.ms:.2f}"
     )
@@ -143,11 +142,11 @@ def _say_margins(voice: Voice, found: WholeLaw, law: Law) -> None:
     }
     for part, cycles in found.cycles.items():
         text, unit = words[part]
-        voice.say(f"  {text}: {_cycles(cycles, unit)}")
+        terminal.print(f"  {text}: {_cycles(cycles, unit)}")
 
 
 def law_unit(law: Law) -> str:
-    """The unit of what a law commands."""
+    """Return the unit of what a law commands."""
     return "A" if law.plate.kind == "peltier" else "of full drive"
 
 
@@ -166,16 +165,16 @@ def _cycles(cycles: list[LimitCycle], unit: str) -> str:
     return ", ".join(f"+-{cycle.amplitude:.3g} {unit} every {cycle.period_s:.3g} s" for cycle in kept)
 
 
-def _say_own(voice: Voice, own: OwnTuning, driver: str) -> None:
+def _print_own_pid(terminal: Terminal, own: OwnTuning, driver: str) -> None:
     pid, margins = own.pid, own.design.margins
-    voice.say(
+    terminal.print(
         f"the controller's own PID (law instrument_pid): Kp {pid.kp_A_per_K:.4g} A/K, Ti {pid.ti_s:.3g} s, "
         f"Td {pid.td_s:.3g} s; Ms {margins.ms:.2f}"
     )
     if own.fields is None:
-        voice.say(f"  {driver}: its fields are not known here")
+        terminal.print(f"  {driver}: its fields are not known here")
         return
     listed = ", ".join(f"{field.option} = {field.value:g}" for field in own.fields)
-    voice.say(f"  [bench.controller] options = {{ {listed} }}")
+    terminal.print(f"  [bench.controller] options = {{ {listed} }}")
     for command in dict.fromkeys(field.command for field in own.fields):
-        voice.say(f"  or at the instrument: {command}")
+        terminal.print(f"  or at the instrument: {command}")

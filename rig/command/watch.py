@@ -36,7 +36,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _states(client: Client, end_s: float | None) -> Any:
-    """The state, brought up to date by rows."""
+    """Yield the state, brought up to date by rows."""
     state: dict[str, Any] = {}
     for message in client.events():
         if message["event"] == "state":

@@ -64,7 +64,7 @@ class Follow:
     default those of its film. setpoints: the reference goes to the controller's own PID instead of a current to its
     output. branches: for a target with several temperatures.
 
-    To be set afterwards: correction, learned in earlier runs, on -log10 R (`rig.experiment.repeated`); the recorded
+    To be set afterwards: correction, learned in earlier runs, on -log10 R (`rig.experiment.repetitions`); the recorded
     target stays as it is. estimates_memory: True if the film's memory is unknown at the start and estimated from the
     readings.
     """

@@ -85,5 +85,5 @@ def of_whom(error: InstrumentError, who: str) -> None:
 
 
 def called(port: str, role: str, driver: str) -> str:
-    """An instrument in messages. role: "controller" or "meter"; driver: as in the configuration."""
+    """Return the name of an instrument in messages. role: "controller" or "meter"; driver: as in the configuration."""
     return f"{port} ({role}, {driver})"

@@ -17,5 +17,5 @@ class Faults(Exception):
 
 
 def fault(where: object, place: str, expected: str) -> Faults:
-    """One fault as `Faults`."""
+    """Return one fault as `Faults`."""
     return Faults([f"{where}: {place}: {expected}" if place else f"{where}: {expected}"])

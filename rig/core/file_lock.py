@@ -18,11 +18,8 @@ DIGITS = 20  # of a process number, and to spare
 
 
 def locked(path: Path, what: str, told_in: Path, mode: int = 0o600) -> int:
-    """The descriptor of a folder, or of a file that is made where it is missing, locked for as long as it is open.
-
-    what: is held, in words. told_in: the file that `tell_holder` writes. Raises PortHeld where another one has the
-    lock, OSError where none can be had: a full disk, a file system that locks nothing.
-    """
+    """Open a folder, or a file that is made if it is missing, and lock it as long as it is open; return its
+    descriptor."""
     descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR | os.O_CREAT, mode)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -35,7 +32,7 @@ def locked(path: Path, what: str, told_in: Path, mode: int = 0o600) -> int:
 
 
 def tell_holder(path: Path) -> None:
-    """This process's number into a file, by the holder of the lock; on a full disk nobody is told."""
+    """Write this process's number into a file whose lock it holds; on a full disk nothing is written."""
     with contextlib.suppress(OSError):
         path.write_text(str(os.getpid()), encoding="ascii")
 

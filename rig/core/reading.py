@@ -38,7 +38,8 @@ class Reading:
         return self.quality is Quality.OK or self.quality is Quality.SETTLING
 
     def number(self) -> float:
-        """The value, where it can be computed with. Overrange; TimedOut where it is missing or stale; Corrupt."""
+        """Return the value if it can be computed with. Raises Overrange; TimedOut if it is missing or stale;
+        Corrupt."""
         if self.is_number:
             return self.value
         if self.quality is Quality.OVERRANGE:

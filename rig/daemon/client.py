@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from rig.core.faults import Faults
 from rig.core.file_writing import write_text
-from rig.core.posix_only import has_unix_sockets
+from rig.core.requirements import has_unix_sockets
 
 if TYPE_CHECKING:
     import argparse

@@ -12,9 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rig.bench.serial_numbers import strangers
-from rig.config.configuration import ConfigurationFile, configuration_of, read_configuration
-from rig.config.configuration_text import without_secrets
+from rig.config.configuration import ConfigurationFile, configuration_of, read_configuration, without_secrets
 from rig.config.model_file import read_model
 from rig.config.schema import Table
 from rig.config.toml_file import parsed_toml, read_text, shown
@@ -202,7 +200,7 @@ def admit(job: ConfigurationFile, bench: ConfigurationFile, identities: Mapping[
 
     identities: of the instruments at the bench's ports, as far as they ever answered.
     """
-    lines = strangers(job, identities)
+    lines = job.strangers(identities)
     for table in type(bench.content).model_fields:
         if table not in FREE_TABLES:
             lines += _differences(job.path, table, getattr(job.content, table), getattr(bench.content, table))

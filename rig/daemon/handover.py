@@ -23,7 +23,7 @@ from typing import Any
 from rig.config.toml_file import read_toml
 from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff, Stopped
-from rig.core.terminal_line import TerminalLine
+from rig.core.streams import TerminalLine
 from rig.daemon.client import (
     CALIBRATION,
     Client,

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.assembly import Bench
-from rig.bench.serial_numbers import strangers
 from rig.control.decision import Tick
 from rig.core.errors import RigError
 from rig.core.faults import Faults
@@ -21,10 +20,9 @@ from rig.daemon.configurations import model_of
 from rig.daemon.job import RUNNING, Job, JobStopped, report_of
 from rig.daemon.output_lock import JobPass, StoppableClock
 from rig.experiment.calibration import Calibration
-from rig.experiment.expected import Phases, expected_calibration, expected_run, still_to_come
+from rig.experiment.feasibility import target_and_model
+from rig.experiment.phases import Phases, expected_calibration, expected_run, still_to_come
 from rig.experiment.session import Session, calibrate, run_on
-from rig.experiment.summaries import calibration_summary, summary
-from rig.experiment.wanted import wanted
 from rig.records.run_folder import RunFolder, part_of, prepared_folder
 from rig.report.run import write_live_report, write_missing_reports
 from rig.safety.after_off import UNTRUSTED_THERMOMETER, OffCheck
@@ -152,7 +150,7 @@ class JobRun:
     def _do(self) -> None:
         """Do the job's work; the model of its calibration is the bench's from then on."""
         job, file = self._job, self._job.file
-        if lines := strangers(file, self._raw.identities):  # the bench may have come back as another one
+        if lines := file.strangers(self._raw.identities):  # the bench may have come back as another one
             raise Faults(lines)
         self._configure(file.content)
         make = partial(ObservedFolder, self)
@@ -162,13 +160,13 @@ class JobRun:
             self.expect(expected_calibration(file.content))
             with prepared_folder(job.out):
                 calibration = calibrate(session, job.out)
-            job.folder, job.result = calibration.model_path.parent, calibration_summary(calibration)
+            job.folder, job.result = calibration.model_path.parent, calibration.document()
         else:
-            target, model = wanted(file, self._say)
+            target, model = target_and_model(file, self._say)
             self.expect(expected_run(file.content, target, model))
             with prepared_folder(job.out):
                 result = run_on(session, job.out, target, model)
-            job.folder, job.result, calibration = result.folder, summary(result), result.calibration
+            job.folder, job.result, calibration = result.folder, result.document(), result.calibration
         if calibration is not None and self._pass.void is None:
             self._commands.model = calibration.model_path
 

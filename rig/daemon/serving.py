@@ -11,7 +11,7 @@ from rig.core.clock import RealClock
 from rig.core.errors import PortHeld, RigError
 from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff
-from rig.core.patient_lines import PatientLines
+from rig.core.streams import PatientLines
 from rig.daemon.client import socket_to_bind
 from rig.daemon.command_queue import CommandQueue
 from rig.daemon.configurations import history_folder

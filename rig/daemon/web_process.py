@@ -46,7 +46,7 @@ def stop_listener(address: str, port: int, stop_port: int | None) -> socket.sock
 
 
 class WebProcess:
-    """`python -m rig.web SOCKET`, kept alive from `start` to `stop`; with a listener the one that takes STOP.
+    """`python -m rig.web.serving SOCKET`, kept alive from `start` to `stop`; with a listener the one that takes STOP.
 
     page: address and port that it opens if it has no listener. note: takes a line for people.
     """
@@ -66,7 +66,7 @@ class WebProcess:
 
     def _keep(self) -> None:
         wait_s = FIRST_WAIT_S
-        command = [sys.executable, "-m", "rig.web", str(self._place)]
+        command = [sys.executable, "-m", "rig.web.serving", str(self._place)]
         files = [] if self._listener is None else [self._listener.fileno()]
         while not self._ending.is_set():
             began = time.monotonic()

@@ -16,8 +16,8 @@ from typing import Any
 
 from rig.config.configuration import ConfigurationFile
 from rig.core.errors import RigError
-from rig.core.extras import to_install
 from rig.core.faults import fault
+from rig.core.requirements import to_install
 from rig.daemon.client import Client, NoDaemon, Refusal
 from rig.epics.access import access_list, listen
 
@@ -40,8 +40,7 @@ def serve(file: ConfigurationFile, place: Place, tell: Callable[[str], None]) ->
     try:
         from softioc import builder
 
-        from rig.epics.commands import Commands, StopRecord
-        from rig.epics.published import Published
+        from rig.epics.records import Commands, Published, StopRecord
     except ImportError:
         raise fault("peltier epics", "", MISSING) from None
     prefix = table.prefix or serving.name
@@ -73,7 +72,7 @@ def _begin(access: str) -> None:
     """Start EPICS with an access list, its own lines on stderr. Raises RigError if the list is not in force."""
     from softioc import builder, imports, softioc
 
-    from rig.epics.commands import InThreads
+    from rig.epics.records import InThreads
 
     builder.LoadDatabase()
     with tempfile.NamedTemporaryFile("w", suffix=".acf") as kept, _stdout_to_stderr():

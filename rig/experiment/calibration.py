@@ -1,18 +1,24 @@
-"""Calibration: condition the film, run a profile that fixes film and plate, identify, check on held-out rows.
+"""Calibration: condition the film, run a profile that determines film and plate, identify, check on held-out rows.
 
 pulse      two pulses of current: the model of the plate that the profile is driven with, and whether a current heats
 condition  to the hot end: whatever the film was, it is saturated now
-major      down to the cold end and back: the major loop, and with it where the transition lies
-minor      nested and crossing minor loops inside the transition with dwells: what fixes the weights
+major      down to the cold end and back: the major loop, and with it the range of the transition
+minor      nested and crossing minor loops inside the transition with dwells, which determine the weights
 check      minor loops that no fit has seen: the model is simulated over them, never one step ahead
+
+The pulses are one current of each sign (a heater: two sizes), each with a rest, bounded by what the first plate says of
+the heat that has not shown yet. One plate has to answer to them, and the same as to the polarity pulse: a thermometer
+that came off in between would look like another plate.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,21 +29,20 @@ from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.inverse.check import Finding, check_model
 from compensator.thermal.plate import Kind
-from rig.analysis.film_numbers import FilmNumbers, believed_degC, doubted, numbers_of_run, plate_course
+from rig.analysis.identification import finding_documents, finding_notes, plate_notes
+from rig.analysis.transition import FilmNumbers, believed_degC, doubted, numbers_of_run, plate_course
 from rig.config.configuration import Configuration
 from rig.config.model_file import Model, write_model
 from rig.config.target import Target
 from rig.control.loop import Loop
-from rig.control.policies import Follow, temperature_now, warmed_up
+from rig.control.policies import CurrentProfile, Follow, temperature_now, warmed_up
 from rig.core.faults import fault
-from rig.core.outcome import Tripped
+from rig.core.outcome import Tripped, Unsuitable
 from rig.drivers.controller import cools
 from rig.experiment.extended_model import plate_observer
-from rig.experiment.minor_loops import fitted_and_checked, minor_turning_points, transition_range
-from rig.experiment.pulses import check_same_plate, heat_by_pulses, plate_of_pulses
 from rig.records.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
 from rig.records.run_folder import RunFolder, final_path
-from rig.safety.first_plate import KnownPlate
+from rig.safety.first_plate import OF_A_PULSE, OF_PULSES, KnownPlate
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from sim.effects.actuator_delay import EFFECT as ACTUATOR_DELAY
 from sim.effects.effect import Switched, switched
@@ -48,16 +53,36 @@ from sim.inference.readings.output_sense import output_falls
 from sim.inference.readings.temperature_path import temperature_path
 from sim.model.gaps import rows_after_gaps
 
+PULSE_SHARE = 0.5  # of the current limit, at most
+PULSE_S, PULSE_K = 8.0, 10.0  # how long, and by how much a pulse is to heat
+LONG_LAG_S = 5.0  # beyond it, pulses do not separate a thermometer's lag from the plate's own time constant
+OTHER_PLATE = 1.7  # times the gain of the first pulse, or one over that: 1.5 apart at most, in steps of 0.25 K
+OTHER_PLATE_BEHIND = 4.0  # behind a long lag, which one pulse hardly separates from a low gain
+OTHER_LAG_S, OTHER_LAG = 3.0, 2.0
+UNLIKE_A_PLATE = 0.03  # of the pulses' span: effects of the catalogue leave less than 0.02
+LEAST_RISE_K = 0.3  # that a heating pulse must give
+MEAN_ROWS = 17  # of a lagging thermometer, before its slope is taken
+LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition
+ASIDE = 0.15  # of the transition's width, by which a nested loop's middle lies off its middle: no two about one point
+LEAST_STEP = 0.15  # of the transition's width, between two turns: less moves few play operators
 LEAST_RATE_K_PER_S = 0.03  # of the profile: a plate that can do less has not been seen as it is, or needs hours
 LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would take hours
+# What comes after it frightens whoever only wants to track, and mostly need not: the demo's heat sink puts its plate's
+# model off by 49 times the noise, and its law with feedback holds the film all the same.
+FAR_OFF_IN_A_RUN: Final = (
+    "A law with feedback makes up for most of a model that is off for a slow cause, such as a heat sink; not for a "
+    "thermometer that lags, and feedforward alone for neither. `peltier diagnose` on the record looks for the cause."
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What came out: the fits, the check on held-out rows, the model and where it was written; predicted_output:
-    -log10(R / 1 ohm) of each row by the model; numbers: what the rows tell of the film without a model; findings: what
-    to know of the film model before it is used; left_out: a line on each run of rows in which the thermometer was not
-    believed."""
+    """Result of a calibration: the fits, the check on held-out rows, the model and its file.
+
+    predicted_output: -log10(R / 1 ohm) of each row by the model. numbers: the transition, measured without a model.
+    findings: what to know of the film model before it is used. left_out: a line on each run of rows in which the
+    thermometer was not believed.
+    """
 
     film: FilmFit
     plate: PlateFit
@@ -74,9 +99,200 @@ class Calibration:
     findings: tuple[Finding, ...] = ()
     left_out: tuple[str, ...] = ()
 
+    def lines(self) -> list[str]:
+        """Return the lines for the terminal: the check, the transition, and what is not determined."""
+        film = [*self.film.identifiability, *finding_notes(self.findings)]
+        return [
+            f"calibration: RMSE {self.check_rmse_dec:.4f} dec on {self.rows_checked} held-out rows",
+            *(self.numbers.lines() if self.numbers is not None else ()),
+            *self.left_out,
+            *(f"film: {note}" for note in film),
+            *(f"plate: {note}" for note in self._plate_notes(film)),
+        ]
+
+    def for_run_json(self) -> dict[str, Any]:
+        """Return the result as run.json keeps it: all that the report needs."""
+        film, plate = self.film, self.plate
+        parameters = zip(plate.names, plate.values, plate.standard_errors, strict=True)
+        return {
+            **self._check(),
+            "rmse_dec": film.rmse,
+            "memoryless": film.model.memoryless.function,
+            "operators": int((film.model.weights > 0.0).sum()),
+            "plate": [{"name": name, "value": value, "standard_error": error} for name, value, error in parameters],
+            "lag_s": plate.lag_s,
+        }
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON of `peltier calibrate`."""
+        return {
+            "format": "peltier-calibration/1",
+            "folder": self.model_path.parent,
+            "model": self.model_path,
+            **self._check(),
+            "rows_fitted": self.rows_fitted,
+            "check": finding_documents(self.findings),
+            "transition": [self.numbers.document()] if self.numbers is not None else [],
+        }
+
+    def _check(self) -> dict[str, Any]:
+        notes = self.film.identifiability
+        return {
+            "check_rmse_dec": self.check_rmse_dec,
+            "check_max_dec": self.check_max_dec,
+            "check_rmse_K": self.check_rmse_K,
+            "rows_checked": self.rows_checked,
+            "transition_degC": list(self.transition_degC),
+            "identifiability": [*self.left_out, *notes, *self._plate_notes(notes)],
+        }
+
+    def _plate_notes(self, known: Iterable[str]) -> list[str]:
+        """Return the notes on the plate's fit, preceded by what a model that is far off means for a run."""
+        notes = plate_notes(self.plate, known)
+        return [FAR_OFF_IN_A_RUN, *notes] if self.plate.far_off else notes
+
+
+def heat_by_pulses(loop: Loop, configuration: Configuration) -> None:
+    """Send pulses of current of both signs, no larger than what the first plate may take unseen. Raises Tripped if a
+    heating current does not heat."""
+    known = loop.watch.plate.known
+    behind_s = known.behind_s if known is not None else 0.0
+    current = PULSE_SHARE * configuration.limits.current_A
+    low, high = configuration.limits.temperature_degC
+    if known is not None:
+        at_room = known.plate.ambient_degC  # where nothing is lost
+        current = min(current, current * PULSE_K / (PULSE_S * known.plate.rate_K_per_s(at_room, current)))
+    inset = 0.05 * (high - low)  # a pulse ends before the interlock has to end it
+    period = configuration.calibration.period_s
+    rest_s = PULSE_S + behind_s
+    other = -current if cools(loop.bench.controller) else 0.5 * current
+    steps = [(0.0, 2.0), (current, PULSE_S), (0.0, rest_s), (other, PULSE_S), (0.0, rest_s)]
+    before = len(loop.folder.rows)
+    for k, (value, length) in enumerate(steps):
+        profile = Target("current", np.array([0.0, length]), np.array([value, value]))
+        loop.phase("pulse", CurrentProfile(profile, low + inset, high - inset), length, period)
+        if k == 2:
+            rise = loop.folder.column("temperature_degC")[before:]
+            change = float(np.nanmax(rise) - rise[np.isfinite(rise)][0])
+            if not change > LEAST_RISE_K:
+                text = (
+                    f"{current:g} A for {PULSE_S:g} s changed the temperature by {change:+.2f} K; expected a rise of "
+                    f"more than {LEAST_RISE_K:g} K: is the Peltier connected, and with the right polarity?"
+                )
+                raise Tripped("polarity", text, loop.elapsed_s())
+
+
+def plate_of_pulses(folder: RunFolder, kind: Kind, delay_s: float) -> KnownPlate:
+    """Fit the plate and the thermometer's lag to all rows so far; delay_s: of the current, from the first pulse.
+
+    Raises Tripped if no plate answers as the readings do.
+    """
+    time, degC, current = (folder.column(name) for name in ("time_s", "temperature_degC", "current_A"))
+    acting = np.searchsorted(time, time - delay_s + 1e-6, "right") - 1
+    acted_A = np.where(acting >= 0, current[np.maximum(acting, 0)], 0.0)
+    fit = identify_plate(time, degC, acted_A, kind=kind, lag=True, slopes=False)  # two pulses span some kelvin
+    span_K = float(np.nanmax(degC) - np.nanmin(degC))
+    steps = np.abs(np.diff(degC[np.isfinite(degC)]))
+    step_K = float(np.min(steps[steps > 0.0], initial=0.5))
+    if fit.rmse_K > UNLIKE_A_PLATE * span_K + 3.0 * fit.noise_K + step_K:
+        text = (
+            f"no plate answers to the pulses as the readings do: the best fit is off by {fit.rmse_K:.2f} K (RMS) over "
+            f"{span_K:.1f} K: is the thermometer still on it?"
+        )
+        raise Tripped("other_plate", text, float(time[-1]))
+    doubt = OF_PULSES if fit.lag_s < LONG_LAG_S else OF_A_PULSE
+    return KnownPlate(fit.model, fit.lag_s, delay_s, doubt=doubt)
+
+
+def check_same_plate(first: KnownPlate, now: KnownPlate, time_s: float) -> None:
+    """Raise Tripped if the plate answers to the pulses in another way than to the first one: its thermometer may have
+    come off in between, and the fit would take that for the plate."""
+    if now.lag_s > OTHER_LAG_S + OTHER_LAG * first.behind_s:
+        text = f"it shows a current {now.lag_s:.1f} s late now, {first.behind_s:.1f} s at the most at the first pulse"
+        raise Tripped("other_plate", f"the thermometer is not as it was: {text}; is it still on the plate?", time_s)
+    then, after = (p.plate.seebeck_over_capacity_per_A_s or p.plate.drive_over_capacity_K_per_s for p in (first, now))
+    other = OTHER_PLATE if max(first.behind_s, now.behind_s) < LONG_LAG_S else OTHER_PLATE_BEHIND
+    if not 1.0 / other < after / then < other:
+        text = (
+            f"the pulses of the calibration heat the plate {after / then:.2f} times as fast as the first one did: is "
+            "the thermometer still on it?"
+        )
+        raise Tripped("other_plate", text, time_s)
+
+
+def transition_range(folder: RunFolder, lag_s: float = 0.0) -> tuple[float, float]:
+    """Return the range (degC) in which heating and cooling branch of the major loop differ, by more than 4 % of their
+    largest distance.
+
+    lag_s: of the thermometer behind the plate; a plain mean over some rows does here, where a current flows
+    and nothing may be waited for. Raises Unsuitable if the film shows no loop in the range.
+    """
+    major = folder.column("phase") == "major"
+    temperature = folder.column("temperature_degC")[major]
+    if lag_s > 0.0:
+        known = np.isfinite(temperature)
+        time = folder.column("time_s")[major]
+        filled = np.interp(time, time[known], temperature[known])
+        smooth = np.convolve(np.pad(filled, MEAN_ROWS // 2, "edge"), np.ones(MEAN_ROWS) / MEAN_ROWS, "valid")
+        temperature = smooth + lag_s * np.gradient(smooth, time)
+    resistance = folder.column("resistance_ohm")[major]
+    good = np.isfinite(resistance) & (resistance > 0.0) & np.isfinite(temperature)
+    temperature, output = temperature[good], -np.log10(resistance[good])
+    grid = np.linspace(temperature.min(), temperature.max(), 400)
+    rising = np.gradient(temperature) > 0.0
+    distance = _branch(temperature, output, ~rising, grid) - _branch(temperature, output, rising, grid)
+    if output_falls([(temperature, output)]):  # a film whose resistance rises
+        distance = -distance
+    if float(np.max(distance)) < LEAST_LOOP_DEC:
+        text = (
+            f"heating and cooling differ by less than {LEAST_LOOP_DEC:g} decades anywhere between {grid[0]:.1f} and "
+            f"{grid[-1]:.1f} degC: is the film connected, and does calibration.temperature_degC span its transition?"
+        )
+        raise Unsuitable("no_transition", text)
+    inside = grid[distance > 0.04 * float(np.max(distance))]
+    return float(inside[0]), float(inside[-1])
+
+
+def _branch(temperature: Array, output: Array, rows: Array, grid: Array) -> Array:
+    """Return the mean output of the chosen rows over the grid."""
+    order = np.argsort(temperature[rows], kind="stable")
+    found: Array = np.interp(grid, temperature[rows][order], output[rows][order])
+    return found
+
+
+def minor_turning_points(span: tuple[float, float], within: tuple[float, float], loops: int, seed: int) -> list[float]:
+    """Return turning points of minor loops about the transition, high and low by turns, from the cold end.
+
+    Nested loops first, shrinking as the damped oscillations of the paper's figure 2; then random ones, so that loops
+    begin and end everywhere. The widest may turn beyond an end of the transition, by `ASIDE` of its width, but none
+    outside of `within`, where the plate is let go: with loops that all end inside, feedforward predicted a film of
+    relays two to three times worse.
+    """
+    low, high = span
+    width = high - low
+    random = np.random.default_rng(seed)
+    points: list[float] = []
+    nested = max(2, loops // 3)
+    for k in range(nested):
+        share = 1.0 - k / nested
+        middle = low + width * (0.5 + ASIDE * float(random.uniform(-1.0, 1.0)))
+        points += [min(middle + 0.5 * share * width, within[1]), max(middle - 0.5 * share * width, within[0])]
+    for _ in range(loops - nested):
+        for sign in (1.0, -1.0):
+            room = (high - points[-1]) if sign > 0.0 else (points[-1] - low)  # the step before left its own length
+            points.append(points[-1] + sign * float(random.uniform(min(LEAST_STEP * width, room), room)))
+    return points
+
+
+def fitted_and_checked(turns: list[float]) -> tuple[list[float], list[float]]:
+    """Return the turning points of the loops for the fit, three quarters of all, and of those after them that no fit
+    sees."""
+    fitted = max(2, (3 * len(turns)) // 4)
+    return turns[:fitted], turns[fitted:]
+
 
 def calibration_range(configuration: Configuration) -> tuple[float, float]:
-    """The range of the profile: as configured, else 5 K inside the limits."""
+    """Return the range of the profile (degC): as configured, else 5 K inside the limits."""
     if configuration.calibration.temperature_degC is not None:
         return configuration.calibration.temperature_degC
     low, high = configuration.limits.temperature_degC
@@ -124,7 +340,7 @@ def _temperature_law(configuration: Configuration, known: KnownPlate, period_s: 
 
 
 def _behind(known: KnownPlate) -> list[Switched]:
-    """The driver's delay and the thermometer's lag as effects of the model."""
+    """Return the driver's delay and the thermometer's lag as effects of the model."""
     effects = []
     if known.delay_s > 0.0:
         effects.append(switched(ACTUATOR_DELAY, {"delay_s": known.delay_s}))
@@ -134,7 +350,7 @@ def _behind(known: KnownPlate) -> list[Switched]:
 
 
 def _fastest(known: KnownPlate, configuration: Configuration, low: float, high: float) -> float:
-    """The rate that the plate can keep, up and down, over the whole range, and at which heat does not go unseen."""
+    """Return the rate (K/s) that the plate can keep, up and down, over the whole range, slow enough for the watch."""
     limit = configuration.limits.current_A
     rates = [known.plate.rate_range_K_per_s(t, limit) for t in (low, high)]
     share = configuration.control.rate_share
@@ -155,7 +371,7 @@ def _fastest(known: KnownPlate, configuration: Configuration, low: float, high: 
 
 
 def _temperature_target(points: list[float], rate: float, dwell_s: float, hold_first: bool = True) -> Target:
-    """Straight ramps between turning points, with a dwell at each."""
+    """Return straight ramps between turning points, with a dwell at each."""
     times, values = [0.0], [points[0]]
     if hold_first and dwell_s > 0.0:
         times.append(dwell_s)

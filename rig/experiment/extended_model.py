@@ -27,7 +27,7 @@ COMPENSATED: tuple[LawName, ...] = ("full", "feedforward", "temperature")
 
 
 def known_plate(plate: PlateModel, effects: Sequence[Switched]) -> KnownPlate:
-    """Plate and thermometer of a model, as a run is watched by them."""
+    """Return plate and thermometer of a model, by which a run is watched."""
     own = {e.effect.name: e.values() for e in effects}
     lag_s = own.get("sensor_lag", {}).get("tau_s", 0.0)
     return KnownPlate(plate, lag_s, own.get("actuator_delay", {}).get("delay_s", 0.0))
@@ -36,18 +36,19 @@ def known_plate(plate: PlateModel, effects: Sequence[Switched]) -> KnownPlate:
 def chain_observer(
     effects: Sequence[Switched], plate: PlateModel, film: FilmModel | None, period_s: float
 ) -> Observer | None:
-    """The observer of a model's chain; None where it has no effects."""
+    """Return the observer of a model's chain; None if it has no effects."""
     return Observer(ChainModel(plate, film, tuple(effects)), period_s) if effects else None
 
 
 def plate_observer(effects: Sequence[Switched], plate: PlateModel, period_s: float) -> Observer | None:
-    """For a temperature that is wanted of the plate itself: effects up to the thermometer, None where there is none."""
+    """Return the observer for a temperature of the plate itself: effects up to the thermometer; None if there is
+    none."""
     chosen = [e for e in effects if e.effect.before_film]
     return chain_observer(chosen, plate, None, period_s)
 
 
 def own_target(target: Target, film: FilmModel | None, effects: Sequence[Switched], units: LawUnits) -> Target:
-    """The wanted course of the film's own output in the law's units, for a target that the meter shall show."""
+    """Return the target as the film's own output in the law's units, for a target that the meter shall show."""
     if units.factor != 1.0:
         return replace(target, values=units.law(target.values))
     table = own_output_table(links_of(effects), film) if target.quantity == "resistance" else None

@@ -28,7 +28,7 @@ from rig.drivers.controller import cools
 from rig.safety.bench_watch import OFF, BenchWatch, Limits, Sent
 from rig.safety.first_plate import KnownPlate, first_plate
 
-REST_S = 1.5  # of readings at rest, from which noise and drift are told: fifteen at ten a second
+REST_S = 1.5  # of readings at rest, from which noise and drift are estimated: fifteen at ten a second
 FEWEST = 5  # readings at rest
 CLEARLY_K, STEPS, SIGMAS = 0.4, 3.0, 6.0
 CURVED_PER_S = 0.015  # a drift's own change of rate, over the drift: a plate's time constant is a minute or more
@@ -41,7 +41,7 @@ LATER_S, LATER_SHARE = 1.0, 0.5  # than the model says, for the pulse's own lag 
 
 
 class Rest:
-    """The policy of a controller that takes no current: nothing is sent, and the temperature drifts by itself."""
+    """Policy for a controller that takes no current: nothing is sent, and the temperature drifts by itself."""
 
     def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
         return Decision(wait=True)
@@ -94,13 +94,14 @@ class PolarityPulse:
         return Decision(0.0, done=settled or quiet_s >= LONGEST_QUIET_S)
 
     def _fit(self) -> tuple[float, float, float]:
-        """The drift at rest, a line: value at its end, slope; and how far readings scatter about it."""
+        """Fit a line to the drift at rest; return its value at the end, its slope, and the scatter of readings about
+        it."""
         times, values = np.array(self._times) - self._times[-1], np.array(self._values)
         slope, value = np.polyfit(times, values, 1)
         return float(value), float(slope), float(np.std(values - (value + slope * times)))
 
     def _clearly(self) -> bool:
-        """Whether it has left its drift clearly, now or before."""
+        """Return True if the temperature has left its drift clearly, now or before."""
         assert self._drift is not None
         value, slope, scatter_K = self._drift
         if not math.isnan(self.left_K):
@@ -116,7 +117,7 @@ class PolarityPulse:
         return True
 
     def _is_quiet(self) -> bool:
-        """Whether it has nearly stopped going the way that it left, beyond its drift at rest."""
+        """Return True if it has nearly stopped going the way that it left, beyond its drift at rest."""
         assert self._drift is not None
         lately = [k for k, when in enumerate(self._times) if when >= self._times[-1] - RATE_S]
         first = min(lately[0], len(self._times) - FEWEST)
@@ -128,9 +129,9 @@ class PolarityPulse:
         return rate <= QUIET_SHARE * self._fastest_K_per_s + curved
 
 
-def rehearsed(limits: Limits, period_s: float) -> None:
-    """A pulse, its judgement and some ticks of the watch on a plate that is not there: what has to be imported and
-    compiled is, before anything is switched on."""
+def simulate_pulse(limits: Limits, period_s: float) -> None:
+    """Run a pulse, its judgement and some ticks of the watch on a plate that is not there, so that what has to be
+    imported and compiled is, before anything is switched on."""
     plate = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
     watch, pulse = BenchWatch(limits, 0.0, True), PolarityPulse(0.25 * limits.current_A, limits.current_A, period_s)
     rows: list[tuple[float, float, float]] = []
@@ -154,13 +155,13 @@ def rehearsed(limits: Limits, period_s: float) -> None:
 def check_polarity(
     loop: Loop, configuration: Configuration, period_s: float, model: KnownPlate | None = None
 ) -> KnownPlate | None:
-    """Pulse, judge, and let the loop know the plate: the model's, or where there is none the pulse's.
+    """Pulse, judge, and let the loop know the plate: the model's, or the pulse's if there is none.
 
     Returns what the loop knows now. Raises Tripped("polarity") or Tripped("no_response").
     """
     limits = configuration.limits
-    with loop.resting("rehearsal of the pulse"):
-        rehearsed(loop.limits, period_s)
+    with loop.resting("simulation of the pulse"):
+        simulate_pulse(loop.limits, period_s)
     if limits.polarity_share == 0.0 or not loop.bench.controller.commands_current:
         loop.folder.event(loop.elapsed_s(), "polarity", "not checked")
         if not loop.bench.controller.commands_current:  # how it drifts is all that is known of such a plate
@@ -191,7 +192,7 @@ def check_polarity(
 
 
 def _pulsed(loop: Loop, current_A: float, limit_A: float, period_s: float) -> PolarityPulse:
-    """One pulse. Raises Tripped("no_response")."""
+    """Send one pulse. Raises Tripped("no_response")."""
     pulse = PolarityPulse(current_A, limit_A, period_s)
     loop.phase("polarity", pulse, pulse.duration_s, period_s)
     if math.isnan(pulse.left_K):
@@ -204,7 +205,8 @@ def _pulsed(loop: Loop, current_A: float, limit_A: float, period_s: float) -> Po
 
 
 def _known(loop: Loop, model: KnownPlate | None, first: int, limit_A: float) -> KnownPlate | None:
-    """The model's plate, with the pulse's lag where no likely one is as short; without a model the pulse's plate."""
+    """Return the model's plate, with the pulse's lag if that is longer than likely; without a model the pulse's
+    plate."""
     with loop.resting("a first plate from the pulse"):
         folder = loop.folder
         time, degC, current = (folder.column(name)[first:] for name in ("time_s", "temperature_degC", "current_A"))

@@ -34,16 +34,16 @@ from rig.safety.switching_off import off_confirmed
 
 REASONS: dict[type, str] = {Stopped: "signal", Faults: "bad_input", NotConfirmedOff: "not_confirmed_off"}
 FEWEST_ROWS = 2  # for a report
-TRIP_S = 60.0  # of rows before a trip, kept beside its cause
+TRIP_S = 60.0  # of rows before a trip, kept with its cause
 Report = Callable[[RunFolder], None]  # writes a run's report into its folder
 
 
 def no_report(folder: RunFolder) -> None:
-    """For whoever wants none."""
+    """Write no report."""
 
 
 def limits_of(file: ConfigurationFile) -> Limits:
-    """The interlock's limits from the configuration."""
+    """Return the interlock's limits from the configuration."""
     table = file.content.limits
     low, high = table.temperature_degC
     return Limits(low, high, table.current_A, table.meter_current_A, table.stale_s, table.rate_K_per_s, table.runaway_s)
@@ -62,9 +62,10 @@ def recorded(
     report: Report = no_report,
     say: Callable[[str], None] | None = None,
 ) -> Iterator[tuple[Loop, RunFolder]]:
-    """A run folder and a loop; at the end the output is off, and the reason is written down.
+    """Open a run folder and a loop; at the end the output is off, and the reason is written down.
 
-    say: tells whoever has ended the run early that the output is off, before the temperature is watched for seconds.
+    say: called when somebody has ended the run early, with the output off, before the temperature is watched for
+    seconds.
     """
     start: dict[str, Any] = {
         "what": what,
@@ -111,8 +112,7 @@ def recorded(
 
 @contextmanager
 def worked_out(folder: RunFolder) -> Iterator[None]:
-    """What is made of rows when their run is over, a fit or a report: whatever ends it closes the files, and says where
-    they are."""
+    """Close the files and say where they are, whatever ends the work on rows after their run: a fit, a report."""
     try:
         yield
     except BaseException as error:
@@ -123,8 +123,8 @@ def worked_out(folder: RunFolder) -> Iterator[None]:
 
 
 def _columns_of(bench: Bench) -> list[str]:
-    """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does: wanted,
-    by the model, and read."""
+    """Return a row's columns: those of every run, and if the meter's voltage stands for a quantity, this: wanted, by
+    the model, and read."""
     output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
     return [*OF_A_RUN] if output == LOG_RESISTANCE else [*OF_A_RUN, f"target_{output}", f"predicted_{output}", output]
 
@@ -138,7 +138,7 @@ def _look_after_off(
 ) -> None:
     """Withdraw a confirmation that the temperature contradicts. Raises NotConfirmedOff.
 
-    Where somebody goes on reading when this run has ended, that is for them.
+    If somebody goes on reading after this run, that is for them.
     """
     if not output.confirmed or bench.watched_after or getattr(error, "cause", "") in UNTRUSTED_THERMOMETER:
         return
@@ -158,16 +158,16 @@ def _look_after_off(
 
 
 def _note(error: BaseException, what: str, problem: Exception) -> None:
-    """Why, too, where that is not told yet: a full disk has one reason for every file."""
-    told = [str(error), *getattr(error, "__notes__", [])]
-    known = (getattr(problem, "strerror", None) or str(problem)) in "; ".join(told)
-    if not (known and any(note.startswith(what) for note in told)):
+    """Add a note on a problem, with its cause if that is not said yet: a full disk has one reason for every file."""
+    said = [str(error), *getattr(error, "__notes__", [])]
+    known = (getattr(problem, "strerror", None) or str(problem)) in "; ".join(said)
+    if not (known and any(note.startswith(what) for note in said)):
         error.add_note(what if known else f"{what}: {problem}")
 
 
 def _write_report(folder: RunFolder, error: BaseException, report: Report) -> None:
-    """Write the report of a run that ended early. Where the output is not confirmed off nobody waits for one: that is
-    told first, and the guard, or `peltier report`, writes it later. A daemon does once a trip is latched."""
+    """Write the report of a run that ended early. If the output is not confirmed off nobody waits for one: that is said
+    first, and the guard, or `peltier report`, writes it later. A daemon writes it once a trip is latched."""
     if report is no_report or len(folder.rows) < FEWEST_ROWS:
         return
     if isinstance(error, NotConfirmedOff):
@@ -190,7 +190,7 @@ def _ending(loop: Loop, output: OutputOff) -> dict[str, Any]:
 
 
 def _write_reason(folder: RunFolder, loop: Loop, output: OutputOff, error: BaseException, ended_s: float) -> None:
-    """ended_s: when the output was off, of the run's time."""
+    """Write why the run ended. ended_s: when the output was off, of the run's time."""
     reason = getattr(error, "cause", None) or REASONS.get(type(error), type(error).__name__)
     folder.event(ended_s, "stop", str(error), cause=reason)
     if loop.tripped is not None:
@@ -199,7 +199,7 @@ def _write_reason(folder: RunFolder, loop: Loop, output: OutputOff, error: BaseE
 
 
 def trip_text(loop: Loop, trip: Tripped) -> str:
-    """A trip as JSON: cause, text, time of the run (s), limits, and the rows of the last `TRIP_S` seconds."""
+    """Return a trip as JSON: cause, text, time of the run (s), limits, and the rows of the last `TRIP_S` seconds."""
     rows = loop.folder.rows
     time_s = rows.numbers(0)
     last: list[int] = np.flatnonzero(time_s >= time_s[-1:] - TRIP_S).tolist()  # none of none

@@ -12,12 +12,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from compensator.control.design import Design
 from compensator.control.law_step import LawName
 from compensator.thermal.plate import Kind
-from rig.analysis.score import COUNTED, Score, largest, profile_error, rms
+from rig.analysis.error import COUNTED, Score, target_error
+from rig.analysis.prediction import needs_test_current
 from rig.bench.assembly import Bench, open_bench
-from rig.config.configuration import ConfigurationFile
+from rig.config.configuration import Configuration, ConfigurationFile
 from rig.config.model_file import Model, write_model
 from rig.config.target import Target, target_column
 from rig.control.decision import Policy, Progress, Tick
@@ -25,23 +28,23 @@ from rig.control.loop import Loop
 from rig.control.policies import Follow, Setpoints
 from rig.core.faults import fault
 from rig.drivers.controller import cools, drive_unit
-from rig.drivers.meter import LOG_RESISTANCE, column_of
+from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, column_of
 from rig.experiment.calibration import Calibration, identify_calibration, record_calibration
-from rig.experiment.compiling import compile_ahead
-from rig.experiment.expected import Onlooker, Phases, expected_run
+from rig.experiment.compile_ahead import compile_ahead
 from rig.experiment.extended_model import known_plate, plate_observer
+from rig.experiment.feasibility import OWN_POLICY, TRACKING, check_feasible, target_and_model
+from rig.experiment.phases import Onlooker, Phases, expected_run
 from rig.experiment.polarity import check_polarity
-from rig.experiment.repeated import LEARNED, USED, Learning, learns_of, read_correction, write_correction
+from rig.experiment.repetitions import LEARNED, USED, Learning, learns_of, read_correction, write_correction
 from rig.experiment.run_record import Report, no_report, recorded, worked_out
-from rig.experiment.steady_meter import allow_test_current, largest_test_current_A
-from rig.experiment.summaries import calibration_notes, calibration_result, design_table
-from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
-from rig.experiment.wanted import OWN_POLICY, TRACKING, check_feasible, wanted
+from rig.experiment.tracking import design_document, law_and_design, plan_tracking, to_temperature, track
 from rig.guard.pipe import UNGUARDED, Guard
 from rig.records.record_file import write_columns
 from rig.records.run_folder import PREDICTED, RunFolder, default_folder, part_of, prepared_folder
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from rig.safety.signals import SignalStop
+
+BEYOND = 1.1  # of the target's ends: a film off by 0.04 decades still finds its range
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,7 @@ class Session:
 
 @dataclass
 class Result:
-    """What an experiment gave, for the report and the summary."""
+    """Result of an experiment, for report and JSON."""
 
     folder: Path
     calibration: Calibration | None = None
@@ -74,9 +77,27 @@ class Result:
     model: Model | None = None
     target: Target | None = None
 
+    def document(self) -> dict[str, Any]:
+        """Return the JSON of `peltier run`."""
+        found = self.calibration
+        return {
+            "format": "peltier-run-result/1",
+            "folder": self.folder,
+            "scores": {score.law: score.table() for score in self.scores},
+            "repeated": [score.table() for score in self.repeated],
+            "designs": {name: design_document(design) for name, design in self.designs.items()},
+            "calibration": found
+            and {
+                "model": found.model_path,
+                "check_rmse_dec": found.check_rmse_dec,
+                "rows_fitted": found.rows_fitted,
+                "rows_checked": found.rows_checked,
+            },
+        }
+
 
 def one_run(session: Session, path: Path, what: str) -> AbstractContextManager[tuple[Loop, RunFolder]]:
-    """A run folder and a loop on the session's bench; see `rig.experiment.run_record`."""
+    """Open a run folder and a loop on the session's bench; see `rig.experiment.run_record`."""
     make = session.make_folder or RunFolder
     bench, file, signals = session.bench, session.file, session.signals
     watching = (session.progress, session.on_tick)
@@ -85,13 +106,13 @@ def one_run(session: Session, path: Path, what: str) -> AbstractContextManager[t
 
 def calibrate(session: Session, path: Path) -> Calibration:
     """Run the calibration into a folder, write MODEL.toml there and its report."""
-    _tell_dead_man(session)
+    _say_dead_man(session)
     compile_ahead(session.say, calibrates=True)
     return _calibrated(session, path)
 
 
 def _calibrated(session: Session, path: Path) -> Calibration:
-    """The same, as a part of a run."""
+    """Run a calibration on its own, or as a part of a run."""
     bench, file, say = session.bench, session.file, session.say
     if bench.meter is None:
         raise fault(file.path, "bench.meter", "missing; a calibration needs a meter")
@@ -106,16 +127,13 @@ def _calibrated(session: Session, path: Path) -> Calibration:
     kind: Kind = "peltier" if cools(bench.controller) else "heater"
     with worked_out(folder):
         result = identify_calibration(folder, file.content, folder.part / "MODEL.toml", kind)
-        folder.result(**calibration_result(result))
+        folder.result(**result.for_run_json())
         predicted = {"time_s": folder.column("time_s"), "predicted_ohm": 10.0**-result.predicted_output}
         write_columns(folder.part / PREDICTED, predicted)
         session.report(folder)
         whole = folder.finish()
     result = replace(result, model_path=whole / "MODEL.toml")
-    say(f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows")
-    for line in result.numbers.lines() if result.numbers is not None else []:
-        say(line)
-    for line in calibration_notes(result):
+    for line in result.lines():
         say(line)
     return result
 
@@ -128,9 +146,9 @@ def run(
     guard: Guard = UNGUARDED,
     report: Report = no_report,
 ) -> Result:
-    """The experiment of a configuration, on a bench that is opened for it. Raises Faults, RigError, Outcome."""
+    """Run the experiment of a configuration on a bench that is opened for it. Raises Faults, RigError, Outcome."""
     path = out if out is not None else default_folder(file.content.experiment.name)
-    target, model = wanted(file, say)
+    target, model = target_and_model(file, say)
     with prepared_folder(path), SignalStop() as signals, open_bench(file, guard) as bench:
         signals.look()
         session = Session(bench, file, signals, say, report=report)
@@ -139,7 +157,7 @@ def run(
 
 
 def watched_by(onlooker: Onlooker | None, session: Session, phases: Phases) -> Session:
-    """The session with somebody who shows how far it is; phases: those to come."""
+    """Return the session with an onlooker who shows how far it is; phases: those to come."""
     if onlooker is None:
         return session
     meter, unit = session.bench.meter, drive_unit(session.bench.controller)
@@ -148,14 +166,14 @@ def watched_by(onlooker: Onlooker | None, session: Session, phases: Phases) -> S
 
 
 def run_on(session: Session, path: Path, target: Target, model: Model | None) -> Result:
-    """The experiment on a bench that is open; target and model are those of `wanted`. Raises as `run`."""
+    """Run the experiment on a bench that is open; target, model: as `target_and_model` gives them. Raises as `run`."""
     result = Result(path, model=model, target=target)
     meter = session.bench.meter
     kind = session.file.content.experiment.kind
     if kind == "track_resistance" and meter and meter.output != LOG_RESISTANCE:
         text = f"reads {meter.output}; expected an ohmmeter to track a resistance, or kind = 'track_output'"
         raise fault(session.file.path, "bench.meter", text)
-    _tell_dead_man(session)
+    _say_dead_man(session)
     compile_ahead(session.say, calibrates=kind in TRACKING and model is None)
     if kind in TRACKING:
         _track_all(session, path, result)
@@ -165,7 +183,7 @@ def run_on(session: Session, path: Path, target: Target, model: Model | None) ->
 
 
 def _track_all(session: Session, path: Path, result: Result) -> None:
-    """A calibration where no model is given, the law, and the laws to compare it with; the report over all."""
+    """Run a calibration if no model is given, the law, and the laws to compare it with; write the reports."""
     file, say = session.file, session.say
     e = file.content.experiment
     target, model = result.target, result.model
@@ -190,7 +208,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
             else:
                 folders[name] = _one_law(session, inner / name, result, name)
     except BaseException:
-        with suppress(Exception):  # why it ended is what has to be told
+        with suppress(Exception):  # why it ended is more important
             _reports(session, folders, e.law)
         raise
     with worked_out(folders[e.law]):
@@ -201,7 +219,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
 
 
 def _repetitions(session: Session, inner: Path, result: Result) -> Learning:
-    """All repetitions but the last, each in a folder of its own, and what they have taught."""
+    """Run all repetitions but the last, each in a folder of its own; return what was learned from them."""
     file, target = session.file, result.target
     assert target is not None
     assert result.model is not None
@@ -223,7 +241,7 @@ def _repetitions(session: Session, inner: Path, result: Result) -> Learning:
 
 
 def _keep_learned(folder: RunFolder, learning: Learning) -> None:
-    """What a next repetition would add to its target, beside the rows."""
+    """Write what a next repetition would add to its target into the run's folder."""
     if learning.next is not None:
         write_correction(folder.part / LEARNED, learning.next)
 
@@ -231,7 +249,7 @@ def _keep_learned(folder: RunFolder, learning: Learning) -> None:
 def _one_law(
     session: Session, where: Path, result: Result, name: LawName, correction: Target | None = None
 ) -> RunFolder:
-    """One law on the target, into a folder of its own. correction: of the target."""
+    """Run one law on the target, into a folder of its own. correction: of the target."""
     file, target, model = session.file, result.target, result.model
     assert target is not None
     assert model is not None
@@ -247,7 +265,7 @@ def _one_law(
         else:
             loop.know_plate(known)
         score = track(loop, file.content, plan)
-    folder.result(law=name, score=score.table(), design=design_table(plan.design))
+    folder.result(law=name, score=score.table(), design=design_document(plan.design))
     _keep(folder, target, model)
     if correction is not None:
         write_correction(folder.part / USED, correction)
@@ -260,7 +278,7 @@ def _one_law(
 
 
 def _reports(session: Session, folders: Mapping[LawName, RunFolder], own: LawName) -> RunFolder:
-    """The reports of what was run: the laws to compare with first, for the own one's links to them. The own folder."""
+    """Write the reports: the laws to compare with first, for the own one's links to them; return the own folder."""
     for name, folder in folders.items():
         if name != own:
             session.report(folder)
@@ -270,7 +288,7 @@ def _reports(session: Session, folders: Mapping[LawName, RunFolder], own: LawNam
 
 
 def _profile(session: Session, path: Path, result: Result) -> None:
-    """A temperature or current over time, recorded."""
+    """Run a temperature or current over time."""
     file, say = session.file, session.say
     e, target = file.content.experiment, result.target
     assert target is not None
@@ -300,24 +318,24 @@ def _profile(session: Session, path: Path, result: Result) -> None:
             policy.state = start.state
         loop.phase("profile", policy, target.duration_s, e.period_s)
     _keep(folder, target, result.model)
-    error_K = rms(profile_error(folder)[1])
-    if math.isfinite(error_K):
-        folder.result(error={"rms_K": error_K, "max_K": largest(profile_error(folder)[1])})
-        say(f"temperature: RMS error {error_K:.4f} K ({COUNTED})")
+    error = target_error(folder)
+    if error is not None:
+        folder.result(error=error.document())
+        say(f"temperature: RMS error {error.rms:.4f} K ({COUNTED})")
     with worked_out(folder):
         session.report(folder)
         result.folder = folder.finish()
 
 
 def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:
-    """Target and model beside the rows, so that the folder stands alone."""
+    """Write target and model into the run's folder, so that it is complete by itself."""
     values = 10.0**-target.values if target.quantity == "resistance" else target.values
     write_columns(folder.part / "target.csv", {"time_s": target.times_s, target_column(target.quantity): values})
     if model is not None:
         write_model(folder.part / "model.toml", model, "the model that the law used")
 
 
-def _tell_dead_man(session: Session) -> None:
+def _say_dead_man(session: Session) -> None:
     """Say who switches the output off when this program hangs: the controller itself, or nobody but the guard.
 
     And what its current is, where that is no current.
@@ -331,7 +349,7 @@ def _tell_dead_man(session: Session) -> None:
 
 
 def _needs_current(session: Session, model: Model | None = None) -> None:
-    """Refuse where the controller cannot be told a current, or the model's plate is of another kind. Raises Faults."""
+    """Raise Faults if the controller cannot be given a current, or the model's plate is of another kind."""
     kind = "peltier" if cools(session.bench.controller) else "heater"
     if model is not None and model.plate is not None and model.plate.kind != kind:
         name = session.file.content.bench.controller.driver
@@ -344,3 +362,34 @@ def _needs_current(session: Session, model: Model | None = None) -> None:
             "bench.controller.driver",
             f"{table.driver!r} takes no current; expected experiment.law = 'instrument_pid' with a model",
         )
+
+
+def largest_test_current_A(
+    meter: ResistanceMeter | None, configuration: Configuration, model: Model, target: Target
+) -> float:
+    """Return the largest test current (A) that a run on this target may have.
+
+    An ohmmeter changes its test current with its range, by ten at a time, and a film that it heats by theta I^2 R
+    jumps: by 0.3 K within a reading, at 3000 K/W, 0.1 mA and 10 kohm. The plate takes a tenth of a second and more to
+    follow, and a film that jumps back has to cross its loop. So if the model has self-heating, the current with which
+    the whole target can be read is kept. Else, or if no current is enough for all of it, it is the configured one; a
+    user-defined meter that does not know such a current keeps its ranges.
+    """
+    most_A = configuration.limits.meter_current_A
+    steady = getattr(meter, "steady_test_current_A", None)
+    if steady is None or target.quantity != "resistance" or not needs_test_current(model.switched()):
+        return most_A
+    ohms = 10.0**-target.values
+    current_A = float(steady(float(np.min(ohms)) / BEYOND, float(np.max(ohms)) * BEYOND, most_A))
+    return most_A if math.isnan(current_A) else current_A
+
+
+def allow_test_current(loop: Loop, configuration: Configuration, most_A: float) -> None:
+    """Set the meter's ranges for this run if the run before had others. Raises RigError."""
+    meter, table = loop.bench.meter, configuration.bench.meter
+    if meter is None or table is None or meter.output != LOG_RESISTANCE:
+        return
+    if getattr(meter, "most_test_current_A", most_A) == most_A:
+        return
+    meter.configure(table.four_wire, table.nplc, most_A)
+    loop.folder.event(loop.elapsed_s(), "test_current", f"at most {most_A:g} A")

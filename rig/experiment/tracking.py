@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from compensator.control.reference_shaping import crossing_s, preview
 from compensator.hysteresis.film import FilmModel
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
-from rig.analysis.score import Score, score
+from rig.analysis.error import Score, score
 from rig.config.configuration import Configuration
 from rig.config.model_file import Model
 from rig.config.target import Target
@@ -33,7 +34,7 @@ from rig.control.policies import Branches, Follow, handed_over, temperature_now,
 from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import COMPENSATED, chain_observer, own_target
-from rig.experiment.feasible import Course, check_target
+from rig.experiment.feasibility import Course, check_target
 
 HOT_DWELL_S = 3.0  # at the hot end, until film and thermometer have followed
 OUTPUT_AGE_S, ACTS_AFTER_S = 0.044, 0.010  # of a Keithley 2000 at 19200 Bd, and of a controller at 57600 Bd
@@ -43,9 +44,9 @@ USUAL_PREVIEW_S = 4.0  # of a temperature, which no loop makes jump
 def timing_of(
     configuration: Configuration, output_age_s: float | None = None, acts_after_s: float | None = None
 ) -> Timing:
-    """When a period's readings are taken and its command acts; by default as usual instruments have it.
+    """Return when a period's readings are taken and its command acts; by default as typical instruments have it.
 
-    A dead time that is configured beyond a period is taken for one that no stamp tells.
+    A dead time that is configured beyond a period is taken for one that no stamp shows.
     """
     period = configuration.experiment.period_s
     age = min(OUTPUT_AGE_S, 0.44 * period) if output_age_s is None else output_age_s
@@ -62,7 +63,7 @@ def law_and_design(
     observer: Observer | None = None,
     fastest_K_per_s: float = math.inf,
 ) -> tuple[Law, Design]:
-    """A law with its gains, designed to the configured Ms with the bench's dead time, and compiled.
+    """Return a law with its gains, designed to the configured Ms with the bench's dead time, and compiled.
 
     observer: of the model's effects, for the laws that gain from them. fastest_K_per_s: of the reference.
     """
@@ -97,13 +98,26 @@ def law_and_design(
     return warmed_up(Law(settings, plate, film, observer)), design
 
 
+def design_document(design: Design) -> dict[str, Any]:
+    """Return a design as plain values, for run.json, JSON and report."""
+    return {
+        "gains": design.gains._asdict(),
+        "margins": dict(design.margins.__dict__),
+        "closed_loop_time_s": design.closed_loop_time_s,
+        "process_gain": design.process_gain,
+        "process_pole_per_s": design.process_pole_per_s,
+        "dead_time_s": design.dead_time_s,
+        "period_s": design.period_s,
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """What a tracking run needs, made before anything is switched on.
 
     law: the one that tracks, with its design; mover: for the way to the first target. own: the target as the film's own
     output, inverse: of the film, both in the law's units. branches: the way to go, where a target has several
-    temperatures and the nearest is not the one. correction: what is added to the target (`rig.experiment.repeated`).
+    temperatures and the nearest is not the one. correction: what is added to the target (`rig.experiment.repetitions`).
     """
 
     name: LawName
@@ -122,7 +136,7 @@ class Plan:
 def plan_tracking(
     configuration: Configuration, target: Target, model: Model, name: LawName, fastest_K_per_s: float
 ) -> Plan:
-    """Laws designed and compiled, for one run; fastest_K_per_s: of the reference."""
+    """Design and compile the laws for one run. fastest_K_per_s: of the reference."""
     plate, effects, e = model.plate, model.switched(), configuration.experiment
     assert model.film is not None
     assert plate is not None
@@ -146,7 +160,7 @@ def plan_tracking(
 
 
 def branches_of(law: Law, course: Course) -> Branches:
-    """The law heading either way, and the course that says which."""
+    """Return the law heading either way, and the course that decides which."""
     up, down = (
         warmed_up(Law(replace(law.settings, heading=way), law.plate, law.film, law.observer)) for way in (1, -1)
     )

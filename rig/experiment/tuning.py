@@ -1,7 +1,8 @@
 """`peltier tune`: gains, the margins of the whole law at the film's slopes, limit cycles, the controller's own PID.
 
-It refuses gains whose margins do not hold, and says which to lower, to what value: the share of a reading that the
-resistance's feedback takes, or, where that is not enough, the temperature's gains.
+Gains whose margins do not hold are refused, with what to lower to which value: the share of a reading that the
+resistance's feedback takes, or, if that is not enough, the temperature's gains. The gains of the controller's own PID
+are those that a configuration sets, or, if it sets none, those for this plate.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from compensator.control.design import Design, OwnPid, sampled_loop, steepest_slope
+from compensator.control.design import Design, OwnPid, design_own_pid, sampled_loop, steepest_slope
 from compensator.control.law import Law
 from compensator.control.law_step import LawName
 from compensator.control.linearization import Point, Timing, operating_points
@@ -38,11 +39,45 @@ from compensator.control.margins import (
     worst_ms,
 )
 from compensator.hysteresis.film import FilmModel
+from compensator.thermal.plate import PlateModel
 from rig.config.configuration import Configuration
 from rig.config.model_file import Model
+from rig.drivers.controller import OwnField
+from rig.drivers.own_gains import configured_pid, own_fields, set_pid
 from rig.experiment.extended_model import COMPENSATED, chain_observer
-from rig.experiment.own_pid import OwnTuning, own_pid
 from rig.experiment.tracking import law_and_design
+
+
+@dataclass(frozen=True)
+class OwnTuning:
+    """The controller's own PID: gains, the design they come from, the instrument's fields (None: not known)."""
+
+    pid: OwnPid
+    design: Design
+    fields: list[OwnField] | None
+
+
+def own_tuning(configuration: Configuration, film: FilmModel, plate: PlateModel) -> OwnTuning:
+    """Design the controller's own PID for this plate, where the film is steepest, as fine as the instrument keeps
+    them. The dead time is a tick of the controller.
+    """
+    limit = configuration.limits.current_A
+    _, middle = steepest_slope(film, *configuration.limits.temperature_degC)
+    hold = plate.current_for_rate_A(middle, 0.0, limit)
+    gain, pole = plate.linearized(middle, hold)
+    tick = OwnPid(1.0, 1.0).tick_s
+    pid, design = design_own_pid(gain, max(pole, 0.0), tick, tick, configuration.control.ms, NOISES_K[0], limit)
+    controller = configuration.bench.controller
+    fields = own_fields(controller.driver, controller.options, pid, limit)
+    return OwnTuning(set_pid(fields, controller.driver, limit) if fields is not None else pid, design, fields)
+
+
+def own_pid(configuration: Configuration, film: FilmModel, plate: PlateModel) -> OwnPid:
+    """Return the controller's own PID around which the resistance's loop is designed: configured or designed here."""
+    controller = configuration.bench.controller
+    given = configured_pid(controller.driver, controller.options, configuration.limits.current_A)
+    return given if given is not None else own_tuning(configuration, film, plate).pid
+
 
 LARGEST_MS, LEAST_PHASE_DEG = 2.0, 30.0  # Ms 2: L keeps half its distance to -1, and bears a factor of 2 in gain
 MILDEST_MS = 1.1  # milder gains hardly follow
@@ -80,7 +115,7 @@ class WholeLaw:
 
 
 def whole_law(configuration: Configuration, model: Model, law: Law, timing: Timing, own: OwnPid | None) -> WholeLaw:
-    """The law's margins over the plate's range and the film's slopes."""
+    """Return the law's margins over the plate's range and the film's slopes."""
     every = [point for noise_K in NOISES_K for point in operating_points(law, timing, noise_K, own)]
     points, rows = moving(every), []
     for ratio in RATIOS:
@@ -103,12 +138,12 @@ def whole_law(configuration: Configuration, model: Model, law: Law, timing: Timi
 
 
 def moving(points: Sequence[Point]) -> list[Point]:
-    """Those at which the film is on its way, so that the resistance is fed back."""
+    """Return the points at which the film is on its way, so that the resistance is fed back."""
     return [point for point in points if point.way != "at rest"]
 
 
 def _cycles(model: Model, points: Sequence[Point], period_s: float) -> dict[str, list[LimitCycle]]:
-    """By the film's play beyond the model's, and by what the model's effects say of thermometer and driver."""
+    """Return limit cycles by the film's play beyond the model's, the thermometer's steps and the driver's dead band."""
     point = next(each for each in points if each.way == "heating" and abs(each.slope) == _steepest(points))
     effects = {each.effect.name: each.values() for each in model.switched()}
     found = {"play": limit_cycles(lambda w: at_ohmmeter(point, 1.0, w), backlash(PLAY_K), PLAY_K, period_s)}
@@ -126,7 +161,7 @@ def _steepest(points: Sequence[Point]) -> float:
 
 
 def _refused(configuration: Configuration, law: Law, found: WholeLaw, own: OwnPid | None) -> list[str]:
-    """A line for each ratio, or run of ratios, at which the margins do not hold, and one that says what to lower."""
+    """Return a line for each run of ratios at which the margins do not hold, and one on what to lower."""
     lines = []
     failing = [row for row in found.rows if not _holds(row.margins)]
     for _, same in groupby(failing, key=lambda row: (row.way, row.degC, row.noise_K, round(row.margins.ms, 2))):
@@ -149,7 +184,7 @@ def _holds(margins: LoopMargins) -> bool:
 
 
 def _lower(configuration: Configuration, law: Law, found: WholeLaw, own: OwnPid | None) -> str:
-    """Which gain, to what value."""
+    """Return the line on which gain to lower, to what value."""
     share = math.floor(100.0 * share_within(Law(law.settings, law.plate, law.film), found.timing, own)) / 100.0
     if 0.0 < share < found.most_share:
         return f"lower control.most_share from {found.most_share:.2f} to {share:.2f}"
@@ -179,7 +214,7 @@ def _film(law: Law) -> FilmModel:
 def tuned_law(
     configuration: Configuration, model: Model, name: LawName, timing: Timing
 ) -> tuple[WholeLaw, Law, Design]:
-    """A law as a run would have it, with its margins; "instrument_pid" with the controller's PID in it."""
+    """Return a law as a run would have it, with its margins; "instrument_pid" with the controller's PID in it."""
     assert model.plate is not None
     assert model.film is not None
     observer = None
@@ -191,7 +226,7 @@ def tuned_law(
 
 
 def film_cycles(film: FilmModel, design: Design, low_degC: float, high_degC: float) -> list[LimitCycle]:
-    """Of the PID on the output alone, by the film's whole hysteresis; amplitudes in K."""
+    """Return limit cycles of the PID on the output alone, by the film's whole hysteresis; amplitudes in K."""
     slope, middle = steepest_slope(film, low_degC, high_degC)
     loop = sampled_loop(
         design.gains, design.process_gain, design.process_pole_per_s, design.dead_time_s, design.period_s
@@ -211,7 +246,7 @@ def film_cycles(film: FilmModel, design: Design, low_degC: float, high_degC: flo
 
 
 def law_table(found: WholeLaw) -> dict[str, Any]:
-    """A law's margins as plain values."""
+    """Return a law's margins for the JSON."""
     return {
         "most_share": found.most_share,
         "timing": asdict(found.timing),
@@ -232,7 +267,7 @@ def law_table(found: WholeLaw) -> dict[str, Any]:
 
 
 def own_table(own: OwnTuning) -> dict[str, Any]:
-    """The controller's own gains as plain values."""
+    """Return the controller's own gains for the JSON."""
     return {
         "kp_A_per_K": own.pid.kp_A_per_K,
         "ti_s": own.pid.ti_s,

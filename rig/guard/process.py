@@ -32,7 +32,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rig.core.outcome import NotConfirmedOff
-from rig.core.patient_lines import PatientLines
+from rig.core.streams import PatientLines
 from rig.guard.liveness import DeathNotice, die_with
 from rig.guard.pipe import UNGUARDED, Guard, GuardPipe
 from rig.guard.stale_run import begin_report, write_end

@@ -1,6 +1,6 @@
-"""Open a bench from a notebook: its output ends off, whatever happens in the block.
+"""A bench in a notebook, real or simulated: its output ends off, whatever happens in the block.
 
-There is no guard process here, because a notebook's process cannot be forked. So real ports are opened only where the
+There is no guard process here, because a notebook's process cannot be forked. So real ports are opened only if the
 controller's own dead man switches the output off when this process hangs or is killed. A long night is for
 `peltier run` or the daemon, which have a guard.
 """
@@ -8,42 +8,70 @@ controller's own dead man switches the output off when this process hangs or is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.score import Score
+import numpy as np
+import tomli_w
+
+from rig.analysis.error import Score
 from rig.bench.assembly import Bench
 from rig.bench.assembly import open_bench as assembled
 from rig.config.configuration import ConfigurationFile, configuration_of
 from rig.config.model_file import Model
-from rig.core.outcome import NotConfirmedOff, Stopped
+from rig.config.toml_file import read_toml
+from rig.core.faults import fault
+from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.core.python_words import in_python
 from rig.core.reading import Reading
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, settled_reading
 from rig.experiment import session
+from rig.experiment.feasibility import target_and_model
 from rig.experiment.session import Session, run_on
-from rig.experiment.wanted import wanted
+from rig.experiment.simulation import read_effects, simulated_configuration, simulated_rig
+from rig.experiment.simulation import simulate as simulated
 from rig.guard.needed import require_who_switches_off
 from rig.guard.pipe import UNGUARDED
-from rig.notebook.configuration import tables_of, text_of
 from rig.records.record import Record
 from rig.records.record_file import read_record
 from rig.records.run_folder import default_folder, prepared_folder
 from rig.report.run import write_live_report
 from rig.safety.signals import NotebookStop, SignalStop
 
+NO_FILE = Path("configuration")  # what messages call tables that stand in no file
+
+
+def tables_of(configuration: str | PathLike[str] | Mapping[str, Any]) -> tuple[Path, dict[str, Any]]:
+    """Return the path of a configuration, and its tables, which are the caller's own. Raises Faults."""
+    if isinstance(configuration, Mapping):
+        return NO_FILE, deepcopy(dict(configuration))
+    if isinstance(configuration, (str, PathLike)):
+        path = Path(configuration)
+        return path, read_toml(path)
+    raise fault("configuration", "", f"expected a file's path or tables by name, not {type(configuration).__name__}")
+
+
+def text_of(tables: Mapping[str, Any]) -> str:
+    """Return tables as the text of a file. Raises Faults for what no file can have."""
+    try:
+        return tomli_w.dumps(tables)
+    except (TypeError, ValueError) as error:
+        raise fault(NO_FILE, "", str(error)) from None
+
+
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class BenchReading:
-    """What both instruments showed. time_s: on the bench's clock. temperature_degC and resistance_ohm: nan where the
+    """Readings of both instruments. time_s: on the bench's clock. temperature_degC and resistance_ohm: nan if the
     reading is no number, or the bench has no ohmmeter; thermometer and meter: the same with their quality."""
 
     time_s: float
@@ -80,7 +108,7 @@ class OpenBench:
     _tables: Mapping[str, Any] = field(repr=False)
 
     def read(self) -> BenchReading:
-        """Both instruments, the meter when it has found its range; nothing is switched. Raises RigError."""
+        """Read both instruments, the meter when it has found its range; nothing is switched. Raises RigError."""
         thermometer = self.controller.read_temperature()
         shown = settled_reading(self.meter) if self.meter is not None else None
         ohmmeter = self.meter is not None and self.meter.output == LOG_RESISTANCE
@@ -90,14 +118,14 @@ class OpenBench:
 
     @in_python()
     def run(self, out: Path | str | None = None, say: Say = lambda text: None, **experiment: Any) -> Run:
-        """The configured experiment, into a run folder; the output is off again when it returns.
+        """Run the configured experiment into a run folder; the output is off again when it returns.
 
         out: the folder, None: runs/DATE/TIME_NAME_ID. experiment: keys of the table [experiment] to change, as
         target=["start 50 kohm", "hold 10 s"]. say: called with what happens. Raises Faults, RigError, Outcome.
         """
         file = self._with(experiment)
         path = Path(out) if out is not None else default_folder(file.content.experiment.name)
-        target, model = wanted(file, say)
+        target, model = target_and_model(file, say)
         with prepared_folder(path), _interrupted() as signals:
             session = Session(self._bench, file, signals, say, report=write_live_report)
             result = run_on(session, path, target, model)
@@ -114,7 +142,7 @@ class OpenBench:
         return Run(path, read_record(path / "record.csv"), (), found.model)
 
     def _with(self, experiment: Mapping[str, Any]) -> ConfigurationFile:
-        """The configuration with another experiment on the same bench. Raises Faults."""
+        """Return the configuration with another experiment on the same bench. Raises Faults."""
         tables = {**self._tables, "experiment": {**self._tables.get("experiment", {}), **experiment}}
         return configuration_of(self._file.path, text_of(tables), tables)
 
@@ -123,8 +151,8 @@ class OpenBench:
 def open_bench(
     configuration: str | PathLike[str] | Mapping[str, Any], *, unguarded: bool = False
 ) -> Iterator[OpenBench]:
-    """Context: the instruments of a configuration, identified, their limits set; the output is off, confirmed, before
-    the block and after it, whatever ends the block.
+    """Open the instruments of a configuration, identified, their limits set; the output is off, confirmed, before the
+    block and after it, whatever ends the block.
 
         with rig.open_bench("rig.toml") as bench:
             print(bench.read().temperature_degC)
@@ -180,9 +208,45 @@ def calibrate(
 
 @contextmanager
 def _interrupted() -> Iterator[SignalStop]:
-    """While an experiment runs signals end it with the output off; then they are what a notebook expects."""
+    """End an experiment with the output off on a signal, and raise what a notebook expects of it."""
     try:
         with SignalStop() as signals:
             yield signals
     except Stopped as stopped:
         raise NotebookStop.outcome(stopped.number) from stopped
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A simulated experiment. record: readings of the simulated instruments. effects: the parameters of each that was
+    switched on, by names that bear their units. ended: the trip that ended the experiment
+    early, None if it went to its end."""
+
+    record: Record
+    effects: dict[str, dict[str, float]]
+    ended: Tripped | None
+
+
+@in_python()
+def simulate(
+    configuration: str | PathLike[str] | Mapping[str, Any] | None = None,
+    *,
+    effects: Iterable[str] = (),
+    effect_files: Iterable[Path | str] = (),
+    seed: int | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Simulation:
+    """Run a configuration's experiment in simulated time, whatever its ports; a current_profile without instruments.
+
+    configuration: a file's path, tables by name, None: those of `simulated_rig`. effects: as on the command line,
+    "film_lag:tau_s=2", with those of the configuration; a parameter that is left out takes the geometric middle of
+    its usual sizes. seed: of the noise. say: called with what happens on the way. Raises Faults, RigError, Outcome.
+    """
+    path, tables = tables_of(simulated_rig() if configuration is None else configuration)
+    switched = read_effects(list(effects), [Path(one) for one in effect_files])
+    file = simulated_configuration(path, tables, switched, seed, text_of(tables))
+    found = simulated(file, say, None)
+    numbers = {name: np.asarray(c) for name, c in found.columns.items() if not isinstance(c, list)}
+    text = {name: c for name, c in found.columns.items() if isinstance(c, list)}
+    record = Record(numbers, source=f"simulation of {path}", text_columns=text)
+    return Simulation(record, {e.effect.name: e.values() for e in found.effects}, found.ended)

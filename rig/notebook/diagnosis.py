@@ -12,8 +12,8 @@ from rig.config.effect_tables import add_effect_files, check_assumed_effects
 from rig.config.model_file import Model
 from rig.core.faults import fault
 from rig.core.python_words import in_python
-from rig.notebook.records import as_records
-from rig.notebook.shown import Shown
+from rig.notebook.analysis import Shown
+from rig.notebook.files import as_records
 from rig.records.film_output import FALLING_RESISTANCE
 from rig.report.diagnosis_words import lines, model_comment
 from sim.diagnosis.result import Diagnosis

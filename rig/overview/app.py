@@ -1,12 +1,13 @@
-"""The overview's application: all benches in one document, STOP for each, the page's files, protection around it."""
+"""The overview's application and server: all benches in one document, STOP for each, the page's files, protection."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import secrets
+import sys
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from starlette.applications import Starlette
@@ -16,9 +17,9 @@ from starlette.responses import Response
 from starlette.routing import Mount, Route
 
 from rig.daemon.announcer import sent_event
-from rig.overview.bench import Bench
+from rig.daemon.web_process import listening, why_not
+from rig.overview.bench import Bench, Unanswered
 from rig.overview.configuration import Overview
-from rig.overview.exchange import Unanswered
 from rig.page import OVERVIEW, STATIC
 from rig.version import __version__
 from rig.web.page_server import (
@@ -34,13 +35,14 @@ from rig.web.page_server import (
     refused,
 )
 from rig.web.protection import Names, Protection, Sessions
+from rig.web.server import PAGE_CONNECTIONS, serve_and_close, server_of
 
-TELL_S = 0.25  # what changes within this goes out together
+TOGETHER_S = 0.25  # what changes within this goes out together
 NO_ANSWER = 502
 
 
 class Benches:
-    """The methods are the endpoints."""
+    """State of all benches; the methods are the endpoints."""
 
     def __init__(self, content: Overview, sessions: Sessions) -> None:
         self._changed = asyncio.Event()
@@ -49,20 +51,20 @@ class Benches:
         self._sessions = sessions
 
     def current(self) -> dict[str, Any]:
-        """All benches at this moment, in the order of the configuration."""
+        """Return all benches at this moment, in the order of the configuration."""
         benches = [bench.shown() for bench in self._benches.values()]
         return {"time_s": time.time(), "version": __version__, "benches": benches}
 
     async def state(self, request: Request) -> Response:
-        """The same, for who asks."""
+        """Reply with all benches at this moment."""
         return json_reply(self.current())
 
     async def events(self, request: Request) -> Response:
-        """The same as it changes, until the viewer goes."""
+        """Send all benches as they change, until the viewer goes."""
         return events_reply(self._viewers, self.current)
 
     async def stop(self, request: Request) -> Response:
-        """STOP to one bench, by its name; the answer is the bench's own."""
+        """Send STOP to one bench, by its name; reply with the bench's own answer."""
         body = await object_in(request)
         bench = self._benches.get(str(body.get("bench")))
         if bench is None:
@@ -76,13 +78,13 @@ class Benches:
         return json_reply(answer, status)
 
     async def session(self, request: Request) -> Response:
-        """A cookie for who knows the token."""
+        """Begin a session of a caller with the token."""
         return await begin_session(request, self._sessions)
 
     @contextlib.asynccontextmanager
     async def watched(self, app: Starlette) -> AsyncIterator[None]:
-        """Every bench is asked, and every viewer told, meanwhile."""
-        work = [self._tell(), *(bench.watch() for bench in self._benches.values())]
+        """Ask every bench, and send changes to every viewer, meanwhile."""
+        work = [self._send_changes(), *(bench.watch() for bench in self._benches.values())]
         tasks = [asyncio.create_task(one) for one in work]
         try:
             yield
@@ -91,7 +93,7 @@ class Benches:
                 task.cancel()
             await asyncio.wait(tasks, timeout=1.0)
 
-    async def _tell(self) -> None:
+    async def _send_changes(self) -> None:
         while True:
             await self._changed.wait()
             self._changed.clear()
@@ -99,11 +101,11 @@ class Benches:
                 event = sent_event("state", self.current())
                 for viewer in self._viewers:
                     viewer.put("state", event)
-            await asyncio.sleep(TELL_S)
+            await asyncio.sleep(TOGETHER_S)
 
 
 def application(content: Overview) -> Starlette:
-    """The overview of a configuration."""
+    """Return the application of a configuration."""
     table = content.overview
     sessions = Sessions(table.token.get_secret_value() if table.token is not None else None)
     benches = Benches(content, sessions)
@@ -122,3 +124,18 @@ def application(content: Overview) -> Starlette:
         lifespan=benches.watched,
         exception_handlers={Refusal: refused},
     )
+
+
+async def serve(content: Overview, report: Callable[[str], None]) -> int:
+    """Serve the overview until a signal; return the exit status. report: called with the address once the page is
+    there."""
+    table = content.overview
+    server = server_of(application(content), PAGE_CONNECTIONS)
+    try:
+        listener = listening(table.address, table.port)
+    except OSError as error:
+        why = f"{table.address}:{table.port}: {why_not(error)} (overview.address, overview.port)"
+        print(f"peltier overview: there is no page at {why}", file=sys.stderr)
+        return 1
+    await serve_and_close(server, listener, report)
+    return 0 if server.started else 1

@@ -1,18 +1,27 @@
 """One bench as the overview knows it: asked for its state about once a second, and stopped when somebody presses STOP.
 
-Each bench is asked in a task of its own, so that one that does not answer holds up no other.
+Each bench is asked in a task of its own, so that one that does not answer holds up no other. A request has a time limit
+for all of it. The protocol is h11's.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import json
+import os
+import ssl
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
+from urllib.parse import urlsplit
+
+import h11
 
 from rig.overview.configuration import BenchTable
-from rig.overview.exchange import Unanswered, exchange, first_success, place_of
 
+LARGEST = 2_000_000  # bytes of an answer; a state takes two thousand
+AT_ONCE = 65_536  # bytes
 # A bench that falls silent right after an answer is asked again a second later, and shown as silent when that has had
 # no answer for as long as stands here: 2.5 s in all.
 PERIOD_S, ANSWER_S = 1.0, 1.5
@@ -21,8 +30,130 @@ SHOWN = ("state", "output", "output_confirmed", "trip", "stop", "job", "queue", 
 SHOWN_TOO = ("time_s", "ticks", "warnings", "version")
 
 
+class Unanswered(Exception):
+    """A bench gave no answer, or none that can be read."""
+
+
+class Place(NamedTuple):
+    """Address at which a bench listens. secure: None for plain HTTP."""
+
+    host: str
+    port: int
+    secure: ssl.SSLContext | None
+
+    @property
+    def name(self) -> str:
+        """Value of the Host header."""
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+def place_of(address: str) -> Place:
+    """Return the place that an http or https address names."""
+    parts = urlsplit(address)
+    secure = ssl.create_default_context() if parts.scheme == "https" else None
+    return Place(str(parts.hostname), parts.port or (443 if secure else 80), secure)
+
+
+async def exchange(
+    place: Place, method: str, path: str, token: str | None, body: Any, within_s: float
+) -> tuple[int, Any]:
+    """Send a request on a connection of its own; return status and JSON. Raises Unanswered."""
+    try:
+        async with asyncio.timeout(within_s):
+            reader, writer = await asyncio.open_connection(place.host, place.port, ssl=place.secure)
+            try:
+                return await _exchange(reader, writer, _request(place, method, path, token, body))
+            finally:
+                writer.close()
+    except TimeoutError:
+        raise Unanswered(f"no answer within {within_s:g} s") from None
+    except OSError as error:
+        raise Unanswered(_cause(error)) from None
+    except (h11.RemoteProtocolError, ValueError, RecursionError) as error:
+        raise Unanswered(f"what answers there is no bench: {error}") from None
+
+
+def _cause(error: OSError) -> str:
+    """Return why nothing could be sent; asyncio's own text leaves out the cause."""
+    if error.errno is not None and error.errno > 0:
+        return os.strerror(error.errno).lower()
+    return error.strerror or str(error) or type(error).__name__
+
+
+def _request(place: Place, method: str, path: str, token: str | None, body: Any) -> tuple[h11.Request, bytes]:
+    content = b"" if method == "GET" else json.dumps(body).encode()
+    headers = [("Host", place.name), ("Connection", "close"), ("Accept", "application/json")]
+    if method != "GET":
+        length = ("Content-Length", str(len(content)))
+        headers += [("Content-Type", "application/json"), ("X-Peltier", "1"), length]
+    if token is not None:
+        headers.append(("Authorization", f"Bearer {token}"))
+    return h11.Request(method=method, target=path, headers=headers), content
+
+
+async def _exchange(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, request: tuple[h11.Request, bytes]
+) -> tuple[int, Any]:
+    connection = h11.Connection(h11.CLIENT)
+    head, content = request
+    parts = [connection.send(head), connection.send(h11.Data(content)), connection.send(h11.EndOfMessage())]
+    writer.write(b"".join(part for part in parts if part))
+    status, found = 0, bytearray()
+    while True:
+        event = connection.next_event()
+        if event is h11.NEED_DATA:
+            connection.receive_data(await reader.read(AT_ONCE))
+        elif isinstance(event, h11.Response):
+            status = event.status_code
+        elif isinstance(event, h11.Data):
+            found += event.data
+            if len(found) > LARGEST:
+                raise ValueError(f"an answer of more than {LARGEST} bytes")
+        elif isinstance(event, (h11.EndOfMessage, h11.ConnectionClosed)):
+            return status, json.loads(found) if found else None
+
+
+async def first_success(*ways: Any) -> tuple[int, Any]:
+    """Return the first success among the answers of several requests, else the last refusal. Raises Unanswered.
+
+    The others are left to end by themselves: each of them is a STOP that may still be needed.
+    """
+    tasks = [asyncio.ensure_future(way) for way in ways]
+    refused: tuple[int, Any] | None = None
+    silent = Unanswered("nowhere to ask")
+    for done in asyncio.as_completed(tasks):
+        try:
+            status, answer = await done
+        except Unanswered as error:
+            silent = error
+            continue
+        if status == 200:
+            _let_end([task for task in tasks if not task.done()])
+            return status, answer
+        refused = status, answer
+    if refused is None:
+        raise silent
+    return refused
+
+
+def _let_end(tasks: list[asyncio.Future[Any]]) -> None:
+    """Keep requests until they have ended, whatever comes of them."""
+    for task in tasks:
+        _kept.add(task)
+        task.add_done_callback(_ended)
+
+
+def _ended(task: asyncio.Future[Any]) -> None:
+    _kept.discard(task)
+    with contextlib.suppress(asyncio.CancelledError):
+        task.exception()
+
+
+_kept: set[asyncio.Future[Any]] = set()  # a task that nobody holds may be collected before it has ended
+
+
 class Bench:
-    """changed: called when what is known of it has changed."""
+    """State of one bench, and its STOP. changed: called when the state may have changed."""
 
     def __init__(self, table: BenchTable, changed: Callable[[], None]) -> None:
         self.name, self.address = table.name, table.address
@@ -35,7 +166,7 @@ class Bench:
         self._trouble: str | None = "not asked yet"
 
     async def watch(self) -> None:
-        """Ask for ever."""
+        """Ask the bench for its state, for ever."""
         while True:
             began_s = time.monotonic()
             await self._look()
@@ -57,13 +188,15 @@ class Bench:
         self._heard_s, self._trouble = time.monotonic(), None
 
     def shown(self) -> dict[str, Any]:
-        """For the page. state: the last one known, null before the first; trouble: null while it answers."""
+        """Return the bench for the page. state: the last one known, None before the first; trouble: None while it
+        answers."""
         silent_s = None if self._heard_s is None else time.monotonic() - self._heard_s
         known = {"name": self.name, "address": self.address, "trouble": self._trouble, "silent_s": silent_s}
         return {**known, "state": self._state or None}
 
     async def stop(self, press: str) -> tuple[int, Any]:
-        """STOP to the bench's page and to STOP's own listener at once; the first success counts. Raises Unanswered."""
+        """Send STOP to the bench's page and to STOP's own listener at once; the first success counts. Raises
+        Unanswered."""
         body = {"press": press}
         places = [self._place]
         if self._stop_port is not None and self._place.secure is None:  # behind a proxy the page's address has to do
@@ -73,7 +206,7 @@ class Bench:
 
 
 def _in_words(status: int, answer: Any) -> str:
-    """What a bench said in the place of its state."""
+    """Return in words what a bench answered in place of its state."""
     if status == 401:
         return "the bench does not take the token of this overview"
     faults = answer.get("faults") if isinstance(answer, dict) else None

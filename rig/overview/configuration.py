@@ -1,4 +1,4 @@
-"""The overview's configuration: where its page is, and which benches it shows.
+"""The overview's configuration: address of its page, and the benches that it shows.
 
 [overview]
 port = 8780
@@ -72,7 +72,7 @@ class Overview(Table):
 
 
 def read_overview(path: Path) -> Overview:
-    """Read and check it. Raises Faults."""
+    """Read and check the overview's configuration. Raises Faults."""
     content = validate(Overview, parsed_toml(read_text(path), path), path)
     table = content.overview
     if table.address not in LOOPBACK and table.token is None:

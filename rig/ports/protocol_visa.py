@@ -24,7 +24,7 @@ from typing import Any
 
 from serial.serialutil import PortNotOpenError, SerialBase, SerialException, SerialTimeoutException
 
-from rig.core.extras import to_install
+from rig.core.requirements import to_install
 
 OPEN_TIMEOUT_MS = 2000  # as VISA counts; an instrument on the bus locks within milliseconds
 EVER_MS = 3_600_000.0  # for a port without a time-out

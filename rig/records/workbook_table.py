@@ -11,8 +11,8 @@ from datetime import date, datetime, time, timedelta
 from pathlib import Path
 from typing import Any
 
-from rig.core.extras import to_install
 from rig.core.faults import Faults, fault
+from rig.core.requirements import to_install
 from rig.records.table import Table
 from rig.records.text_table import is_value, text_table
 

@@ -10,18 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from rig.analysis.diagnosed import Asked, diagnosed, model_of
-from rig.analysis.earlier_records import earlier_film_records, told_by
-from rig.analysis.one_row import of_diagnosis
+from rig.analysis.film_records import earlier_film_records, fitted_to
+from rig.analysis.table_row import of_diagnosis
+from rig.batch.engine import given
 from rig.config.effect_tables import add_effect_files, parse_assumed_effects
 from rig.config.model_file import Model, write_model
 from rig.core.faults import Faults
-from rig.many.engine import given
 from rig.records.record_file import Record
+from rig.report.batch import CANDIDATE, MODEL, RecordReport, Task, files_in
 from rig.report.diagnosis import write_diagnosis_report
 from rig.report.diagnosis_words import lines, model_comment, unit_lines
 from rig.report.diagnosis_words import together as records_of
-from rig.report.many_records import Task
-from rig.report.told import CANDIDATE, MODEL, Told, files_in
 from sim.diagnosis.extended_model import ExtendedModel, extended_model
 from sim.diagnosis.result import with_model
 
@@ -52,7 +51,7 @@ def told(
     report: bool | None = None,
     further: Sequence[Record] = (),
     say: Callable[[str], None] = lambda text: None,
-) -> Told:
+) -> RecordReport:
     """Diagnose a record. record, holdout: `Record`s, or what an engine shares of them. model: where its model will
     stand; None: nowhere. report: whether its files are wanted; None: where the model is. further: records that are
     diagnosed with it as one; say: takes progress."""
@@ -64,7 +63,7 @@ def told(
     try:
         diagnosis, extended = diagnosed(together, asked, [given(other) for other in holdout], earlier, say)
     except Faults as faults:
-        return Told(faults=tuple(faults.lines))
+        return RecordReport(faults=tuple(faults.lines))
     if model is not None:
         diagnosis = with_model(diagnosis, model)
     with tempfile.TemporaryDirectory() as name:
@@ -79,12 +78,12 @@ def told(
                 write_model(folder / CANDIDATE, _of_records(tried, together, ()), comment)
             write_diagnosis_report(folder, diagnosis)
         files = files_in(folder)
-    return Told(diagnosis.document(), tuple(lines(diagnosis)), files)
+    return RecordReport(diagnosis.document(), tuple(lines(diagnosis)), files)
 
 
 def _of_records(extended: ExtendedModel, together: Sequence[Record], before: Sequence[Record]) -> Model:
     """The model, with the records that told its film, where they are files."""
-    return told_by(model_of(extended), [*together, *(before if extended.further else [])])
+    return fitted_to(model_of(extended), [*together, *(before if extended.further else [])])
 
 
 @lru_cache
@@ -105,7 +104,7 @@ def diagnoses(options: Options, holdout: Sequence[Record]) -> Task:
     """Of many records."""
     return Task(
         work=told,
-        asked=options,
+        options=options,
         document="diagnosis.json",
         table="diagnoses",
         title="Diagnoses",

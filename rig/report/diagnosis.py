@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from rig.core.file_writing import write_text
 from rig.records.run_folder import plain_json
+from rig.report.batch import CANDIDATE
 from rig.report.diagnosis_figures import course_figure, gain_figure, loop_figure, residual_figures
 from rig.report.diagnosis_words import (
     NOT_FIXED,
@@ -29,7 +30,6 @@ from rig.report.diagnosis_words import (
     warning_line,
 )
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
-from rig.report.told import CANDIDATE
 
 if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from compensator.hysteresis.functions import Array
-from rig.analysis.residual import residual, residual_label
+from rig.analysis.error import residual, residual_label
 from rig.report.diagnosis_words import channels_of, judged_channels
 from rig.report.figures import COLOURS, EDGE, GREEN, draw_line, grid, legend_above, log_scale, new_figure, saved
 from rig.report.page import figure

@@ -128,15 +128,15 @@ class _Prefixed(LogFormatter):
 
 
 def log_scale(axes: Axes) -> None:
-    """The ordinate on a log scale, its labels with SI prefixes."""
+    """Put the ordinate on a log scale, its labels with SI prefixes."""
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(_Prefixed())
     axes.yaxis.set_minor_formatter(_Prefixed())
 
 
 def thinned(*columns: Any) -> list[Any]:
-    """Columns with at most MOST_POINTS rows: half of them evenly taken, half where a column is lowest or highest in its
-    part of the rows, so that no peak is lost."""
+    """Return columns with at most MOST_POINTS rows: half of them evenly taken, half where a column is lowest or highest
+    in its part of the rows, so that no peak is lost."""
     size = columns[0].size
     if size <= MOST_POINTS:
         return list(columns)
@@ -148,7 +148,7 @@ def thinned(*columns: Any) -> list[Any]:
 
 
 def _extremes(column: Array, edges: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The rows of the lowest and the highest number between each two edges."""
+    """Return the rows of the lowest and the highest number between each two edges."""
     finite = np.isfinite(column)
     low, high = np.where(finite, column, np.inf), np.where(finite, column, -np.inf)
     pairs = [
@@ -168,7 +168,7 @@ def dark_style(within: str = "") -> str:
 
 
 def svg_text(figure: Figure) -> str:
-    """The figure as an SVG file's text, the same bits for the same figure."""
+    """Return the figure as the text of an SVG file, the same bits for the same figure."""
     with mpl.rc_context(cast(Any, SETTINGS)):
         FigureCanvasSVG(figure)
         buffer = io.StringIO()
@@ -196,7 +196,7 @@ def both_widths(figure: Figure, name: str, wide: str) -> str:
 
 
 def _element(text: str, prefix: str, kind: str) -> str:
-    """The SVG element alone, its ids unlike those of other figures of a page."""
+    """Return the SVG element alone, its ids unlike those of other figures of a page."""
     unique = text[text.index("<svg") :].replace('id="', f'id="{prefix}').replace('href="#', f'href="#{prefix}')
     return f'<div class="{kind}">{unique.replace("url(#", f"url(#{prefix}")}</div>'
 

@@ -8,39 +8,42 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.gained import Followed, Gained, as_effects
+from rig.analysis.error import TargetError
+from rig.experiment.improvement import Gain, as_effects
 from rig.report.diagnosis_words import listed, parameter
 from rig.report.figures import COLOURS, EDGE, draw_line, new_figure, saved
 from rig.report.page import figure, links, paragraph, section, table, tiles, write_page
 
 FORMAT = "peltier-improvement/1"
-PLACES = {"dec": ("decades", "{:.4f}"), "K": ("K", "{:.4f}")}
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """run, folder, law: the first run, where all of this is, and the law. diagnosis: its JSON; said: its verdict in
-    words; new: the named effects that the first run's model did not have; tried: those that are not named and predict
-    better, where none is new. model: the one that has them. second: the second run's folder, None where it was not run,
-    and why_not. caveats: why the errors may not be compared."""
+    """The result of `peltier improve`.
+
+    run: folder of the first run; folder: of the result; law: of the second run. diagnosis: its JSON; verdict_line: its
+    verdict in words; new: the named effects that the first run's model did not have; tried: those that are not named
+    and predict better, if none is new. model: file of the model with them. second: folder of the second run, None if it
+    was not run, and why_not. caveats: why the errors may not be compared.
+    """
 
     run: Path
     folder: Path
     law: str
     diagnosis: Mapping[str, Any]
-    said: str
+    verdict_line: str
     new: Sequence[str]
     tried: Sequence[str]
     model: Path
-    first: Followed | None
+    first: TargetError | None
     second: Path | None = None
-    after: Followed | None = None
-    gained: Gained | None = None
+    after: TargetError | None = None
+    gained: Gain | None = None
     why_not: str | None = None
     caveats: Sequence[str] = field(default_factory=tuple)
 
     def document(self) -> dict[str, Any]:
-        """The JSON of `peltier improve`."""
+        """Return the JSON of `peltier improve`."""
         effects = [{key: e[key] for key in ("name", "parameters")} for e in self.diagnosis["effects"]]
         return {
             "format": FORMAT,
@@ -63,7 +66,7 @@ class Improvement:
 
 
 def sentence(i: Improvement) -> str:
-    """What came out."""
+    """Return the result in a sentence."""
     if i.why_not is not None:
         return f"Not run again: {i.why_not}."
     if i.tried:
@@ -73,27 +76,30 @@ def sentence(i: Improvement) -> str:
         effects += "" if i.new else " (which it had), and film and plate fitted to the first run,"
     if i.after is None:
         return f"Run again with {effects} in the model; no row of it followed a target."
-    unit, digits = PLACES[i.after.unit]
-    after = digits.format(i.after.rms)
+    text = f"With {effects} in the model the RMS error is {_size(i.after.rms, i.after.unit)}"
     if i.first is None or i.first.unit != i.after.unit:
-        return f"With {effects} in the model the RMS error is {after} {unit}; the first run has none to compare."
-    text = f"With {effects} in the model the RMS error is {after} {unit} in the place of {digits.format(i.first.rms)}"
+        return f"{text}; the first run has none to compare."
+    text += f" in the place of {i.first.rms:.4f}"
     return f"{text}: {i.gained.in_words}." if i.gained is not None else f"{text}."
 
 
+def _size(error: float, unit: str) -> str:
+    """Return an error with its unit."""
+    return f"{error:.4f} {'decades' if unit == 'dec' else unit}"
+
+
 def lines(i: Improvement) -> list[str]:
-    """The same for a terminal."""
+    """Return the result in lines for a terminal."""
     out = [sentence(i), *(f"note: {text}" for text in i.caveats)]
     if i.first is not None and i.after is not None and i.first.unit == i.after.unit:
-        unit, digits = PLACES[i.after.unit]
-        out.append(f"largest error: {digits.format(i.after.largest)} {unit}, was {digits.format(i.first.largest)}")
+        out.append(f"largest error: {_size(i.after.largest, i.after.unit)}, was {i.first.largest:.4f}")
     return out
 
 
 def write_improvement(i: Improvement) -> None:
-    """report.html and its figure in the folder, which is there."""
+    """Write report.html and its figure into the folder, which is there."""
     parts = [paragraph(f"First run: {i.run}. Law {i.law!r}.", "note"), tiles(_numbers(i))]
-    parts.append(section("What was found", paragraph(i.said), _effects(i)))
+    parts.append(section("What was found", paragraph(i.verdict_line), _effects(i)))
     if i.caveats:
         parts.append(section("To be kept in mind", *(paragraph(text) for text in i.caveats)))
     if i.first is not None and i.after is not None and i.first.unit == i.after.unit:
@@ -106,8 +112,7 @@ def _numbers(i: Improvement) -> list[tuple[str, str]]:
     found = [(str(i.diagnosis["verdict"]).replace("_", " "), "verdict of the diagnosis")]
     for run, what in ((i.first, "first run"), (i.after, "second run")):
         if run is not None:
-            unit, digits = PLACES[run.unit]
-            found.append((f"{digits.format(run.rms)} {unit}", f"RMS error of the {what}"))
+            found.append((_size(run.rms, run.unit), f"RMS error of the {what}"))
     if i.gained is not None:
         low, high = (100.0 * value for value in i.gained.ci95)
         found.append((f"{100.0 * i.gained.reduction:.0f} %", f"less error (95 %: {low:.0f} to {high:.0f} %)"))
@@ -131,8 +136,8 @@ def _effects(i: Improvement) -> str:
     return table(["effect", "parameters (95 % interval)", "in the model"], rows, kind="words")
 
 
-def _courses(out: Path, first: Followed, after: Followed) -> str:
-    """Both errors over the target's time, one scale."""
+def _courses(out: Path, first: TargetError, after: TargetError) -> str:
+    """Draw both errors over the target's time, on one scale; return the page's figure."""
     fig, axes = new_figure(2, 5.0)
     most = 1.08 * max(first.largest, after.largest)
     for axis, run, what, colour in zip(axes, (first, after), ("before", "after"), ("pid", "full"), strict=True):
@@ -141,7 +146,7 @@ def _courses(out: Path, first: Followed, after: Followed) -> str:
         axis.set_ylim(-most, most)
         axis.set_ylabel(f"{what}: measured\n- wanted / {run.unit}")
     axes[-1].set_xlabel("time of the target / s")
-    quantity = "log10 R" if first.unit == "dec" else "temperature"
+    quantity = {"dec": "log10 R", "K": "temperature"}.get(first.unit, "output")
     text = f"The error over time, measured - wanted {quantity}: of the first run, and with the "
     text += "extended model. Both have the same scale."
     return figure(saved(fig, out, "errors"), text)

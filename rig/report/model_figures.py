@@ -1,11 +1,9 @@
-"""Figures of a model beside its record (over time, loop, residual, plate), and of a film's transition."""
+"""Figures that compare a model with a record (over time, loop, residual, plate), and of a film's transition."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +11,9 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from compensator.hysteresis.functions import Array
-from rig.analysis.residual import residual, residual_label
+from rig.analysis.error import residual, residual_label
+from rig.analysis.identification import PlateComparison
+from rig.analysis.prediction import ChannelError
 from rig.records.film_output import in_decades, unit_of
 from rig.report.figures import (
     COLOURS,
@@ -31,44 +31,28 @@ from rig.report.page import figure
 from sim.inference.transition.forc import Forc
 from sim.inference.transition.transition import SENSES, Transition, slope_curve
 
-if TYPE_CHECKING:
-    from rig.analysis.prediction_error import ChannelError
-
 SENSE_COLOURS = {"heating": COLOURS["model"], "cooling": COLOURS["measured"]}
 DEGREE = "\N{DEGREE SIGN}C"
 MODEL_LINE = (0, (4, 2))  # dashes, through which the readings are seen
 
 
-@dataclass(frozen=True, eq=False)
-class ComparedPlate:
-    """A record beside the plate that was fitted, arrays of shape (rows,): s, degC measured and simulated (nan where no
-    stretch of the fit goes), drive in A or, where `drive` is set, as a share of full drive."""
-
-    source: str
-    time_s: Array
-    measured_degC: Array
-    simulated_degC: Array
-    drive_A: Array
-    drive: str | None
-
-
 def shown_output(values: Array, output: str) -> Array:
-    """The output as people look at it: ohms, or the quantity with its own sign."""
+    """Return the output as people read it: ohms, or the quantity with its own sign."""
     if in_decades(output):
         return np.asarray(10.0 ** (-values if output == "minus_log10_ohm" else values), dtype=np.float64)
     return -values if output.startswith("minus_") else values
 
 
 def label_of(output: str) -> str:
-    """The axis of that output."""
+    """Return the label of an axis of that output."""
     if in_decades(output):
         return "resistance / ohm"
     name = output.removeprefix("minus_")
     return f"{name.partition('_')[0]} / {unit_of(output)}"
 
 
-def plate_figure(folder: Path, one: ComparedPlate, suffix: str = "") -> str:
-    """Measured and simulated temperature over time, the residual, and the drive."""
+def plate_figure(folder: Path, one: PlateComparison, suffix: str = "") -> str:
+    """Draw measured and simulated temperature over time, the residual, and the drive; return the page's figure."""
     fig, axes = new_figure(3, 6.4, [3.0, 1.6, 1.4])
     draw_measured_and_model(axes[0], one.time_s, one.measured_degC, one.simulated_degC)
     axes[0].set_ylabel(f"temperature / {DEGREE}")
@@ -95,7 +79,7 @@ def draw_residual(axes: Axes, over: Array, left: Array) -> None:
 
 
 def drawn_over_time(time_s: Array, errors: Sequence[ChannelError]) -> Figure:
-    """Measured and predicted over time, a panel for each channel."""
+    """Draw measured and predicted over time, a panel for each channel."""
     fig, axes = new_figure(max(1, len(errors)), 3.4 * max(1, len(errors)))
     for axis, error in zip(axes, errors, strict=False):
         plate = error.name == "temperature_degC"
@@ -113,13 +97,13 @@ def drawn_over_time(time_s: Array, errors: Sequence[ChannelError]) -> Figure:
 def loop_figure(
     folder: Path, time_s: Array, degC: Array, measured: Array, model: Array, output: str, suffix: str = ""
 ) -> str:
-    """Output over temperature, measured and modelled; arrays of shape (rows,)."""
+    """Draw output over temperature, measured and modelled, arrays of shape (rows,); return the page's figure."""
     fig = drawn_loop(time_s, degC, measured, model, output)
     return figure(saved(fig, folder, f"loop{suffix}"), "The record, and the model over it.")
 
 
 def drawn_loop(time_s: Array, degC: Array, measured: Array, model: Array, output: str) -> Figure:
-    """The same, not yet in a file."""
+    """Draw output over temperature, measured and modelled, arrays of shape (rows,)."""
     fig, axes = new_figure(1, 4.6)
     t, one = thinned(degC, shown_output(measured, output))
     axes[0].plot(t, one, ".", markersize=3, color=COLOURS["measured"], label="measured")
@@ -141,7 +125,7 @@ def drawn_loop(time_s: Array, degC: Array, measured: Array, model: Array, output
 
 
 def residual_figure(folder: Path, time_s: Array, degC: Array, left: Array, unit: str, suffix: str = "") -> str:
-    """The residual over time and over temperature; arrays of shape (rows,)."""
+    """Draw the residual over time and over temperature, arrays of shape (rows,); return the page's figure."""
     fig, axes = grid(1, 2, 2.9, sharey=True)
     draw_residual(axes[0, 0], time_s, left)
     draw_residual(axes[0, 1], degC, left)
@@ -152,22 +136,22 @@ def residual_figure(folder: Path, time_s: Array, degC: Array, left: Array, unit:
 
 
 def histogram_figure(folder: Path, left: Array, unit: str, suffix: str = "") -> str:
-    """How often the residual is how large."""
+    """Draw the residual's histogram; return the page's figure."""
     fig, axes = new_figure(1, 2.6)
     finite = left[np.isfinite(left)]
     axes[0].hist(finite, bins="fd" if np.ptp(finite) > 0.0 and finite.size > 4 else 10, color=COLOURS["measured"])
     axes[0].set_xlabel(residual_label(unit))
     axes[0].set_ylabel("rows")
-    return figure(saved(fig, folder, f"histogram{suffix}"), f"How often the residual{_of(unit)} is how large.")
+    return figure(saved(fig, folder, f"histogram{suffix}"), f"Histogram of the residual{_of(unit)}.")
 
 
 def _of(unit: str) -> str:
-    """What a residual is of, where its unit alone does not say it."""
+    """Return what a residual is of if its unit alone does not say it."""
     return " of log10 R" if unit == "dec" else ""
 
 
 def derivative_figure(folder: Path, found: Transition, name: str, unit: str) -> str:
-    """The derivative of both branches with their bands, the transition temperatures marked."""
+    """Draw the derivative of both branches with their bands, and mark the transition temperatures."""
     fig, axes = new_figure(1, 3.8)
     for sense in SENSES:
         if sense not in found.shapes:
@@ -196,7 +180,7 @@ def derivative_figure(folder: Path, found: Transition, name: str, unit: str) -> 
 
 
 def forc_figure(folder: Path, forc: Forc, name: str) -> str:
-    """The distribution of the first-order reversal curves, where the record holds enough of them."""
+    """Draw the distribution of the first-order reversal curves."""
     fig, axes = new_figure(1, 4.8)
     most = float(np.nanquantile(np.abs(forc.density), 0.995))
     mesh = axes[0].pcolormesh(

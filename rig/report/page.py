@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from rig.core.file_writing import write_text
 from rig.report.figures import dark_style
-
-if TYPE_CHECKING:
-    from rig.report.run_rows import RunRows
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c2330; --soft: #5b6577; --line: #dfe3ea; --paper: #ffffff; --tile: #f5f7fa;
@@ -48,52 +44,28 @@ ul { padding-left: 1.2rem; } code { background: var(--tile); padding: 1px 5px; b
 
 
 class Html(str):
-    """Text that is HTML already: a cell with a link."""
-
-
-def facts(run: RunRows) -> str:
-    """When, on what, with what, and how it ended: the line under a report's headline."""
-    start, stop = run.document["start"], run.document.get("stop", {})
-    instruments = ", ".join(f"{one['maker']} {one['model']}" for one in start["instruments"].values())
-    simulated = start["settings"]["bench"]["controller"]["port"].startswith("sim://")
-    off = "output off, confirmed" if stop.get("output_off_confirmed") else "OUTPUT NOT CONFIRMED OFF"
-    ended = f"Ended: {stop.get('reason', '?')}, {off}." if stop else "Nobody wrote down how it ended."
-    where = "SIMULATED rig" if simulated else "real rig"
-    text = f"{start['at'][:16].replace('T', ' ')} UTC, {where}: {instruments}. {ended}"
-    return paragraph(f"{text} {punctuality(stop.get('ticks', {}))}".strip(), "note")
-
-
-def punctuality(ticks: Mapping[str, float]) -> str:
-    """How punctual a run was: ticks done and missed, and the longest time without a reading with a current on."""
-    if not ticks:
-        return ""
-    text = f"{ticks['done']} ticks, {ticks['missed']} missed, at most {1e3 * ticks['latest_s']:.0f} ms late"
-    if "unwatched_s" in ticks:
-        gaps = f", {ticks['gaps']} gap{'s' * (ticks['gaps'] > 1)}" if ticks["gaps"] else ""
-        text += f"; longest time without a reading with a current on {ticks['unwatched_s']:.2f} s{gaps}"
-    if count := ticks.get("unacknowledged"):
-        text += f"; {count} command{'s' * (count > 1)} not acknowledged"
-    return text + "."
+    """Text that is HTML already, such as a cell with a link."""
 
 
 def link(text: str, address: str) -> Html:
-    """A link to another report."""
+    """Return a link to another report."""
     return Html(f'<a href="{escape(quote(address))}">{escape(text)}</a>')
 
 
 def links(items: Iterable[tuple[str, str]]) -> str:
-    """Links to other reports: (text, address)."""
+    """Return a paragraph of links to other reports: (text, address)."""
     return f"<p>{', '.join(link(*one) for one in items)}</p>"
 
 
 def tiles(items: Iterable[tuple[str, str]]) -> str:
-    """Numbers with what they are."""
+    """Return tiles of (number, what it is)."""
     inner = "".join(f'<div class="tile"><b>{escape(n)}</b><span>{escape(what)}</span></div>' for n, what in items)
     return f'<div class="tiles">{inner}</div>'
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], best: int | None = None, kind: str = "") -> str:
-    """A table; the row `best` is set in bold. One that is wider than the window scrolls by itself, not the page.
+    """Return a table; the row `best` is set in bold. One that is wider than the window scrolls by itself, not the page.
+
     kind: "words" of a table of words, which stand at the left; "words many" of one with wide columns."""
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     body = "".join(
@@ -109,7 +81,7 @@ def _cell(cell: str) -> str:
 
 
 def figure(svg: str, caption: str) -> str:
-    """A figure with its caption; the caption is also its text for a screen reader."""
+    """Return a figure with its caption, which is also its text for a screen reader."""
     return f'<figure role="img" aria-label="{escape(caption)}">{svg}<figcaption>{escape(caption)}</figcaption></figure>'
 
 
@@ -126,7 +98,7 @@ def bullets(items: Iterable[str]) -> str:
 
 
 def write_page(path: Path, title: str, lead: str, parts: Iterable[str]) -> None:
-    """Write the page."""
+    """Write a page of parts, which are HTML."""
     write_text(
         path,
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'

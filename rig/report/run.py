@@ -5,35 +5,20 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
+from rig.records.recorded_run import RunRows, live_run, recorded_run
 from rig.records.run_folder import RunFolder
-from rig.report.run_rows import CALIBRATION, LAW, RunRows, ended_early, inner_runs, live_run, recorded_run
 
 
 def write_run_report(run: RunRows, out: Path) -> None:
-    """report.html and figures/ of a run, in a folder that is there. Raises Faults where its rows cannot be read."""
-    what = str(run.document["start"]["what"])
-    inner = inner_runs(run.part, run.document["start"]["settings"])
-    if ended_early(run):
-        from rig.report.ended import write_ended_report
+    """Write report.html and figures/ of a run into a folder that is there. Raises Faults if its rows cannot be read."""
+    from rig.report.run_pages import write_run_page  # matplotlib, which no run should wait for before it begins
 
-        write_ended_report(run, out, inner)
-    elif what == CALIBRATION:
-        from rig.report.calibration import write_calibration_report
-
-        write_calibration_report(run, out)
-    elif what.startswith(LAW):
-        from rig.report.tracking import write_tracking_report
-
-        write_tracking_report(run, out, inner)
-    else:
-        from rig.report.profile import write_profile_report
-
-        write_profile_report(run, out)
+    write_run_page(run, out)
 
 
 def write_missing_reports(part: Path) -> None:
-    """Those of the runs in a folder that ended early: its own, and those of the runs inside it. Never raises an
-    Exception: what cannot be read has none."""
+    """Write the reports of the runs in a folder that ended early, its own and those inside it. Never raises an
+    Exception: what cannot be read has no report."""
     folders = [part]
     with suppress(OSError):
         folders = [*part.glob("*.part"), part]
@@ -44,5 +29,5 @@ def write_missing_reports(part: Path) -> None:
 
 
 def write_live_report(folder: RunFolder) -> None:
-    """The same of a run that this process has just recorded, in its own folder."""
+    """Write the report of a run that this process has just recorded into its own folder."""
     write_run_report(live_run(folder), folder.part)

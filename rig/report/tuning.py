@@ -20,7 +20,7 @@ SHOWN = (0.6, 1.0, 1.5, 2.2)  # film slope over model slope: right, the bounds o
 
 
 def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], found: WholeLaw) -> None:
-    """report.html, tuning.json and the figures in `folder`."""
+    """Write report.html, tuning.json and the figures into `folder`."""
     (folder / "tuning.json").write_text(plain_json(result) + "\n", encoding="utf-8")
     worst = max(row.margins.ms for row in found.rows)
     verdict = "The margins hold." if not found.refused else "The gains are refused: their margins do not hold."
@@ -81,7 +81,8 @@ def _table(found: WholeLaw) -> str:
 
 
 def _figure(folder: Path, found: WholeLaw) -> str:
-    """Nyquist's curve and |S|, of the point with the least margins at each of some ratios."""
+    """Draw Nyquist's curve and |S| of the point with the least margins at each of some ratios; return the page's
+    figure."""
     fig, axes = grid(1, 2, 4.4)
     nyquist, bode = axes[0]
     omega = frequencies(found.timing.period_s)

@@ -1,15 +1,21 @@
-"""The page's application, docs/bench_api.md: requests answered from the history, or forwarded to the bench process."""
+"""The page's application, docs/bench_api.md: requests answered from the history, or forwarded to the bench process.
+
+The metrics for Prometheus are computed when it asks.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import sqlite3
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
@@ -23,19 +29,78 @@ from rig.history import reading
 from rig.history.trouble import trouble_of
 from rig.web.bench_link import STOP, BenchGone, BenchLink
 from rig.web.forwarding import forward
-from rig.web.history_queries import Busy, HistoryQueries, TooLong
-from rig.web.loop_plane import LoopPlane
-from rig.web.metrics import Metrics
+from rig.web.history import Busy, HistoryQueries, LoopPlane, TooLong
 from rig.web.page_server import PageFiles, Refusal, begin_session, events_reply, json_reply, refusal_reply, refused
 from rig.web.protection import Names, Protection, Sessions
 
 HEALTHY_S = 10.0  # largest age of the last control cycle, besides five of its periods
 PLANE_S = 45.0  # the first question about a film compiles its model
 NO_FILE = "run: it has no such file"
+STATES = ("idle", "running", "stopped", "tripped", "offline")
+GAUGES = {
+    "temperature_degC": ("peltier_temperature_celsius", "Thermometer's reading."),
+    "resistance_ohm": ("peltier_resistance_ohms", "Ohmmeter's reading."),
+    "current_A": ("peltier_current_amperes", "Current commanded; positive heats. Of a heater its drive, 0 to 1."),
+    "setpoint_degC": ("peltier_setpoint_celsius", "Wanted temperature."),
+    "target_ohm": ("peltier_target_ohms", "Wanted resistance."),
+}
+
+
+class Metrics:
+    """Metrics of the bench: a registry with one collector."""
+
+    def __init__(self) -> None:
+        self._registry = CollectorRegistry(auto_describe=False)
+        self._registry.register(self)
+        self._given: tuple[dict[str, Any], dict[str, Any], int, bool] = ({}, {}, 0, True)
+
+    def text(self, state: dict[str, Any], row: dict[str, Any], rows: int, gone: bool) -> tuple[bytes, str]:
+        """Return the text and its media type, from the last state and row."""
+        self._given = (state, row, rows, gone)
+        return generate_latest(self._registry), CONTENT_TYPE_LATEST
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield the metrics, for the registry."""
+        state, row, rows, gone = self._given
+        up = GaugeMetricFamily("peltier_up", "1 if the bench process answers.")
+        up.add_metric([], 0.0 if gone else 1.0)
+        yield up
+        word = GaugeMetricFamily("peltier_state", "1 for the state that the bench is in.", labels=["state"])
+        for name in STATES:
+            word.add_metric([name], float(state.get("state") == name))
+        yield word
+        reading = {**state.get("reading", {}), **row}
+        for column, (name, text) in GAUGES.items():
+            value = reading.get(column)
+            yield _gauge(name, text, math.nan if value is None else float(value))
+        yield _gauge("peltier_output_on", "1 on, 0 off, NaN unknown.", _output(state))
+        yield _gauge("peltier_output_confirmed", "1 if the controller confirmed it.", state.get("output_confirmed"))
+        yield _gauge("peltier_jobs_queued", "Jobs that wait.", state.get("queue"))
+        yield _gauge("peltier_viewers", "Pages that are open.", state.get("viewers"))
+        yield _gauge("peltier_warnings", "Warnings that are shown.", len(state.get("warnings", [])))
+        yield _gauge("peltier_cycle_age_seconds", "Since the last control cycle.", state.get("cycle_age_s"))
+        yield _gauge("peltier_tick_latest_seconds", "Largest lateness.", state.get("ticks", {}).get("latest_s"))
+        for key, text in (("done", "Control cycles completed."), ("missed", "Control cycles missed.")):
+            counter = CounterMetricFamily(f"peltier_ticks_{key}", text)
+            counter.add_metric([], float(state.get("ticks", {}).get(key, 0)))
+            yield counter
+        counter = CounterMetricFamily("peltier_rows_published", "Rows committed and published.")
+        counter.add_metric([], float(rows))
+        yield counter
+
+
+def _output(state: dict[str, Any]) -> float:
+    return {"on": 1.0, "off": 0.0}.get(state.get("output", "unknown"), math.nan)
+
+
+def _gauge(name: str, text: str, value: Any) -> GaugeMetricFamily:
+    gauge = GaugeMetricFamily(name, text)
+    gauge.add_metric([], math.nan if value is None else float(value))
+    return gauge
 
 
 class Requests:
-    """The methods are the endpoints."""
+    """State of the page's process; the methods are the endpoints."""
 
     def __init__(self, link: BenchLink, settings: dict[str, Any], sessions: Sessions) -> None:
         self._link, self._settings, self._sessions = link, settings, sessions
@@ -57,16 +122,16 @@ class Requests:
             raise Refusal(503, str(error)) from None
 
     async def state(self, request: Request) -> Response:
-        """The bench at this moment."""
+        """Reply with the bench at this moment."""
         self._link.state = await self._get("/api/state")
         return json_reply(self._link.current())
 
     async def events(self, request: Request) -> Response:
-        """Server-sent events until the viewer goes."""
+        """Send events until the viewer goes."""
         return events_reply(self._link.viewers, self._link.current)
 
     async def history(self, request: Request) -> Response:
-        """Rows of a span of time."""
+        """Reply with the rows of a span of time."""
         now_s = time.time()
         try:
             from_s = float(request.query_params.get("from", now_s - DAY_S))
@@ -80,14 +145,14 @@ class Requests:
         return await self._queried(lambda ends_s: reading.span(self._history, from_s, to_s, points, ends_s))
 
     async def loop(self, request: Request) -> Response:
-        """The last hour in the (T, R) plane."""
+        """Reply with the last hour in the (T, R) plane."""
         found = await self._get("/daemon")
         plane, now_s = self._plane, time.time()
         film = found["model"], found["memory_since_s"], found["limits_degC"]
         return await self._queried(lambda ends_s: plane.document(*film, now_s), self._plane_queries)
 
     async def trips(self, request: Request) -> Response:
-        """The last trips with the rows around them."""
+        """Reply with the last trips and the rows around them."""
         return await self._queried(lambda ends_s: reading.trips(self._history))
 
     async def _queried(self, query: Callable[[float], Any], queries: HistoryQueries | None = None) -> Response:
@@ -107,11 +172,11 @@ class Requests:
         return Response(found, media_type="application/json")
 
     async def session(self, request: Request) -> Response:
-        """A cookie for a caller with the token."""
+        """Begin a session of a caller with the token."""
         return await begin_session(request, self._sessions)
 
     async def report(self, request: Request) -> Response:
-        """A file of a run's folder: its report, a figure, its record."""
+        """Reply with a file of a run's folder: its report, a figure, its record."""
         number = request.path_params["number"]
         folder = next((job["folder"] for job in await self._get("/api/jobs") if job["id"] == number), None)
         if folder is None:
@@ -126,13 +191,13 @@ class Requests:
         return FileResponse(path)
 
     async def metrics(self, request: Request) -> Response:
-        """Prometheus text."""
+        """Reply with the metrics."""
         link = self._link
         body, kind = self._metrics.text(link.current(), link.row, link.rows, link.gone.is_set())
         return Response(body, media_type=kind)
 
     async def health(self, request: Request) -> Response:
-        """200 while control cycles complete, else 503 with the faults."""
+        """Reply 200 while control cycles complete, else 503 with the faults."""
         try:
             state = await self._link.get("/api/state")
             offline, age_s, warnings = state["state"] == "offline", state["cycle_age_s"], state["warnings"]

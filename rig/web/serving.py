@@ -1,8 +1,12 @@
-"""One web process: the page of a bench, or its STOP alone, until the bench process ends."""
+"""`python -m rig.web.serving SOCKET [LISTENER]`: a web process, started by the bench process and ended with it.
+
+It serves the page of a bench or, with LISTENER, the descriptor of a listening TCP socket, STOP and nothing else.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import sys
 from collections.abc import Callable
@@ -15,6 +19,8 @@ from rig.daemon.client import Client, NoDaemon, Refusal
 from rig.daemon.web_process import listening
 from rig.web.bench_link import BenchLink
 from rig.web.server import CLOSES_S, PAGE_CONNECTIONS, STOP_CONNECTIONS, serve_and_close, server_of
+
+NICENESS = 5  # of the page's process: on a busy computer the bench's, STOP's and `peltier stop` go first
 
 
 async def serve(
@@ -60,3 +66,17 @@ async def _end_with(link: BenchLink, server: uvicorn.Server, end: Callable[[], N
     server.should_exit = True
     await asyncio.sleep(CLOSES_S + 0.5)
     end()
+
+
+def main() -> int:
+    """Serve as the command line says; return the exit status."""
+    listener = socket.socket(fileno=int(sys.argv[2])) if len(sys.argv) > 2 else None
+    if listener is None:
+        os.nice(NICENESS)
+    return asyncio.run(
+        serve(Path(sys.argv[1]), lambda url: print(f"page {url}", flush=True), lambda: os._exit(0), listener)
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

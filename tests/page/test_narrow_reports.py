@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rig.report.many_records import _table as many_table
+from rig.report.batch import _records_table as many_table
 from rig.report.page import paragraph, section, table, tiles, write_page
 
 NARROW = 400  # a telephone's width, px

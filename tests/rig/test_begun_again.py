@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from rig.config.configuration_text import digest_named_files
+from rig.batch.journal import Journal
+from rig.config.configuration import digest_named_files
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
-from rig.many.journal import Journal
 from tests.rig.small import write_bench
 from tests.rig.test_many_records import plate_record
 
@@ -109,12 +109,13 @@ def test_records_that_come_to_others_take_nothing_from_them(tmp_path: Path, pelt
 
 
 def test_an_effect_of_ones_own_that_was_changed_is_another_task(tmp_path: Path) -> None:
-    from rig.report.diagnosed_record import Asked, diagnoses
-    from rig.report.many_records import digest_of
+    from rig.analysis.diagnosed import Asked
+    from rig.report.batch import digest_of
+    from rig.report.diagnosed_record import Options, diagnoses
 
     own = tmp_path / "own.py"
     own.write_text("a = 1\n")
-    task = diagnoses(Asked(effect_files=(own,)), [])
+    task = diagnoses(Options(Asked(), effect_files=(own,)), [])
     before = digest_of(task)
     assert digest_of(task) == before
     own.write_text("a = 2\n")
@@ -194,7 +195,7 @@ def test_who_stops_it_is_told_what_is_kept(
     def stopped(*arguments: object) -> None:
         raise Stopped(signal.SIGINT)
 
-    monkeypatch.setattr("rig.report.many_records.each_record", stopped)
+    monkeypatch.setattr("rig.report.batch.each_record", stopped)
     files = [plate_record(tmp_path / f"{k}.csv", k, 0.3) for k in (1, 2)]
     more = ("--report", tmp_path / "out") if words else ()
     status, _, err = peltier("identify", *files, "--each", *more)

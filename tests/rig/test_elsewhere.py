@@ -45,7 +45,7 @@ for words in json.loads(sys.argv[1]):
 print(json.dumps(answers))
 """
 COLD = """
-import sim.inference.film.fit, sim.diagnosis.diagnose, rig.rehearsal.swept, rig.guard.process, rig.report.run
+import sim.inference.film.fit, sim.diagnosis.diagnose, rig.experiment.sweep, rig.guard.process, rig.report.run
 import rig.command.calibrate, rig.command.identify, rig.command.diagnose, rig.command.sweep, rig.command.watch
 import rig.command.tune, rig.experiment.tuning, rig.report.tuning
 """

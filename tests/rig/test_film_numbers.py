@@ -135,7 +135,7 @@ def test_measured_films_as_the_literature_has_them(
     measured: Path, file: str, cooling: tuple[float, float], energy: float
 ) -> None:
     """VO2 switches between 60 and 77 degC with a few kelvin of hysteresis, and its insulator has 0.1 to 0.5 eV."""
-    from rig.analysis.film_numbers import numbers_of_record
+    from rig.analysis.transition import numbers_of_record
 
     numbers = numbers_of_record(read_record(measured / file), "minus_log10_ohm").document()
     values = {name: entry["value"] for name, entry in numbers.items() if isinstance(entry, dict) and "value" in entry}

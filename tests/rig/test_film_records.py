@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.film import IDENTITY, FilmModel, Memoryless
-from rig.analysis.earlier_records import earlier_film_records
+from rig.analysis.film_records import earlier_film_records
 from rig.config.model_file import Model, read_model, write_model
 from rig.records.record_file import write_columns
 from rig.records.run_folder import final_path

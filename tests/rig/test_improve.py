@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from rig.__main__ import main
-from rig.analysis.gained import Followed, gained, news
-from rig.config.configuration import read_configuration
-from rig.config.configuration_text import configuration_with_model
+from rig.analysis.error import TargetError
+from rig.config.configuration import configuration_with_model, read_configuration
 from rig.config.model_file import read_model
 from rig.config.toml_file import read_toml
-from rig.report.told import Told, files_in
+from rig.experiment.improvement import gain_of, news
+from rig.report.batch import RecordReport, files_in
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -37,7 +37,7 @@ def test_ticks_that_a_run_missed_shift_no_other_row() -> None:
     time = 0.1 * np.arange(600.0)
     error = np.where(time < 20.0, 1.0, 0.1) * np.sin(time)
     missed = np.delete(np.arange(600), slice(100, 130))
-    found = gained(Followed("K", time, error), Followed("K", time[missed] + 0.003, error[missed]))
+    found = gain_of(TargetError("K", time, error), TargetError("K", time[missed] + 0.003, error[missed]))
     assert found is not None
     assert found.reduction == 0.0
     assert found.ci95 == (0.0, 0.0)
@@ -141,7 +141,7 @@ def test_what_is_found_and_not_named_is_tried(
     text = files["model.toml"].replace(b"actuator_delay", b"sensor_lag")
     files["candidate.toml"] = text.replace(b"delay_s", b"tau_s")
     document = {**json.loads(files["diagnosis.json"]), "effects": [], "candidates": [CANDIDATE]}
-    monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: Told(document, ("",), files))
+    monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: RecordReport(document, ("",), files))
     words = ("improve", folder / "first", "--config", folder / "config.toml", "--yes", "--out")
     status, out, _ = peltier(*words, tmp_path / "tried")
     assert status == 0
@@ -166,7 +166,7 @@ def test_what_tells_the_run_no_better_is_not_run(
     found = read_toml(folder / "better" / "diagnosis" / "model.toml")["effects"][0]["delay_s"]
     files["model.toml"] = files["model.toml"].replace(f"delay_s = {found}".encode(), b"delay_s = 8.0")
     assert b"delay_s = 8.0" in files["model.toml"]
-    said = Told(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
+    said = RecordReport(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
     monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: said)
     words = ("improve", folder / "first", "--config", folder / "config.toml", "--yes", "--out", tmp_path / "b")
     status, out, _ = peltier(*words)
@@ -179,7 +179,7 @@ def test_what_tells_the_run_no_better_is_not_run(
 def known(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The same, its diagnosis known already: it takes seconds."""
     files = files_in(folder / "better" / "diagnosis")
-    said = Told(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
+    said = RecordReport(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
     monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: said)
     return folder
 
@@ -191,7 +191,7 @@ def test_what_the_model_has_is_run_again_where_it_tells_the_run_better_for_being
     with one that is a tenth nearer to what was measured much is."""
     files, better = files_in(folder / "better" / "diagnosis"), folder / "better"
     document = json.loads(files["diagnosis.json"])
-    monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: Told(document, ("",), files))
+    monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: RecordReport(document, ("",), files))
     run = tmp_path / "run"
     shutil.copytree(better / "run", run)
     words = ("improve", run, "--config", better / "config.toml", "--yes", "--out")

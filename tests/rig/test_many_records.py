@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.many.engine import EngineChoice
+from rig.batch.engine import EngineChoice
 from rig.records.record import Record
-from rig.report.many_records import Task, each_record
-from tests.rig.many.work import refused
+from rig.report.batch import Task, each_record
+from tests.rig.batch.work import refused
 
 Peltier = Callable[..., tuple[int, str, str]]
 
@@ -166,10 +166,10 @@ def test_one_more_record_does_not_take_the_table_away(
     assert (out / "report.html").read_text() == page
     taken: list[int] = []
 
-    def each_told(records: list[Record], *rest: object) -> int:
+    def report_each(records: list[Record], *rest: object) -> int:
         taken.append(len(records))
         return 0
 
-    monkeypatch.setattr("rig.command.each_told.each_told", each_told)
+    monkeypatch.setattr("rig.command.diagnose.report_each", report_each)
     assert peltier("diagnose", records[0], "--report", out)[0] == 0
     assert taken == [1]

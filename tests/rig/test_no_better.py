@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.analysis.no_better import fitted_no_better, no_better
+from rig.experiment.improvement import fitted_no_better, no_better
 from rig.records.film_output import FALLING_RESISTANCE
 from rig.records.record_file import Record, read_record
 from tests.rig.small import MODEL, write_bench

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from rig.__main__ import main
-from rig.analysis.score import score
+from rig.analysis.error import score
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]

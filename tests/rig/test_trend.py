@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.analysis.change_point import latest_change
-from rig.analysis.trend import series_of
+from rig.analysis.trend import latest_change, series_of
 
 Peltier = Callable[..., tuple[int, str, str]]
 NIGHTS = 60

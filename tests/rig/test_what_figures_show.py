@@ -20,7 +20,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from rig.analysis.residual import RESIDUAL, residual, residual_dec
+from rig.analysis.error import RESIDUAL, residual, residual_dec
 from rig.records.record_file import read_record, write_columns
 from rig.report.diagnosis_figures import residuals
 from rig.report.figures import BLUE, DARK, GOLD, GREEN, PAPER, PURPLE, RED, draw_line, new_figure

@@ -7,7 +7,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-from rig.core.extras import PACKAGES, to_install
+from rig.core.requirements import PACKAGES, to_install
 
 PROJECT = Path(__file__).resolve().parents[3] / "pyproject.toml"
 

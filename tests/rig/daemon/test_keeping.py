@@ -23,7 +23,7 @@ from rig.__main__ import _notes
 from rig.config.configuration import read_configuration
 from rig.core.faults import Faults
 from rig.core.outcome import OfOutput
-from rig.core.patient_lines import MOST_WAITING, PatientLines
+from rig.core.streams import MOST_WAITING, PatientLines
 from rig.daemon import latch
 from rig.daemon.command_queue import HISTORY
 from rig.daemon.configurations import admit, hold_of
@@ -254,15 +254,15 @@ def test_a_memory_that_is_not_caught_up_with_is_not_told_as_where_the_film_stand
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The page's process is begun again after a week's run: its first questions go through the rows of the week."""
-    from rig.web import loop_plane
+    from rig.web import history
 
-    monkeypatch.setattr(loop_plane, "MOST_ROWS", 30)
+    monkeypatch.setattr(history, "MOST_ROWS", 30)
     write_current(tmp_path)
     store = Store(tmp_path / "history.sqlite", Retention(30.0, 400.0, 4000.0))
     film = {"resistance_ohm": 1e4, "quality": "good", "phase": "track"}
     store.add({"time_s": 1e9 + k, "temperature_degC": 40.0 + 0.5 * k, **film} for k in range(70))
     store.close()
-    plane = loop_plane.LoopPlane(tmp_path / "history.sqlite")
+    plane = history.LoopPlane(tmp_path / "history.sqlite")
     found = [plane.document(str(tmp_path / "model.toml"), 1e9 - 1.0, [10.0, 95.0], 1e9 + 70.0) for _ in range(3)]
     assert [document["memory"] is None for document in found] == [True, True, False]
     assert found[-1]["memory"]["temperature_degC"] == 74.5

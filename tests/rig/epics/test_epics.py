@@ -158,14 +158,14 @@ def test_a_hold_is_started_ended_and_reset_with_a_reason(writable: Rig) -> None:
 
 BEGAN_BEFORE_THE_ANSWER = """
 from softioc import builder
-from rig.epics import commands
-from rig.epics.published import Published
+from rig.epics import records
+from rig.epics.records import Published
 builder.SetDeviceName("RIG")
 def submitted(*asks, **body):  # the daemon's events overtake its answer
     asked.take("job", {"id": "a", "state": "running"})
-    return commands.Answer(True, "a hold: queued", "a")
-asked = commands.Commands(None, Published((0.0, 100.0), 1.0))
-commands.command = submitted
+    return records.Answer(True, "a hold: queued", "a")
+asked = records.Commands(None, Published((0.0, 100.0), 1.0))
+records.command = submitted
 asked._hold(1)
 print(asked._job.get(), asked._job_state.get())
 asked.take("job", {"id": "another", "state": "failed"})

@@ -16,7 +16,7 @@ from rig.config.target import Target
 from rig.control.law_units import in_law_units, law_units
 from rig.control.policies import Follow
 from rig.experiment.extended_model import own_target
-from rig.experiment.feasible import check_target
+from rig.experiment.feasibility import check_target
 from rig.experiment.tracking import branches_of, law_and_design
 from rig.records.record_file import read_record
 

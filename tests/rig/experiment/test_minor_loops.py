@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.experiment.minor_loops import ASIDE, LEAST_STEP, minor_turning_points, transition_range
+from rig.experiment.calibration import ASIDE, LEAST_STEP, minor_turning_points, transition_range
 
 
 @pytest.mark.parametrize("loops", [2, 7, 14, 200])

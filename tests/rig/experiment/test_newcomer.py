@@ -18,9 +18,9 @@ from rig.config.model_file import read_model
 from rig.config.target import parse_profile
 from rig.control.decision import Decision, Tick
 from rig.core.reading import Reading
-from rig.core.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
+from rig.core.streams import NEW_LINE_S, PatientLine, TerminalLine
 from rig.daemon.status_text import clock
-from rig.experiment.expected import expected_calibration, expected_run
+from rig.experiment.phases import expected_calibration, expected_run
 from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.rig.small import write_bench
 

@@ -16,7 +16,7 @@ from compensator.thermal.plate import PlateModel
 from rig.config.target import Target
 from rig.control.decision import ReadAt
 from rig.control.policies import MODEL_LACKS, Follow
-from rig.experiment.repeated import CORRECTION, read_correction
+from rig.experiment.repetitions import CORRECTION, read_correction
 from tests.compensator.film_models import TEN_OPERATORS as FILM
 from tests.rig.small import write_bench
 

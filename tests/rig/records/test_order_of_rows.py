@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.film_numbers import numbers_of_record
+from rig.analysis.transition import numbers_of_record
 from rig.command.record_arguments import add_record_arguments, read_each
 from rig.core.faults import Faults
-from rig.notebook.records import as_records
+from rig.notebook.files import as_records
 from rig.records.branches import join_branches
 from rig.records.column_names import ColumnMapping
 from rig.records.record import Record, Refused

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.film_numbers import believed_degC, numbers_of_run
+from rig.analysis.transition import believed_degC, numbers_of_run
 from rig.records.record import Record
 from rig.records.record_file import write_columns
 from rig.records.thermometer_faults import find_false_readings

@@ -18,8 +18,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from rig.config.configuration import Configuration, ConfigurationFile, read_configuration
-from rig.config.configuration_text import without_secrets
+from rig.config.configuration import Configuration, ConfigurationFile, read_configuration, without_secrets
 from rig.config.schema import Table
 from rig.core.faults import Faults
 from rig.core.json_text import parsed_json
@@ -29,7 +28,7 @@ from rig.daemon.http_server import MOST_CONNECTIONS
 from rig.history import reading
 from rig.history.store import Retention, Store
 from rig.web import server, serving
-from rig.web.history_queries import MOST_WAITING, Busy, HistoryQueries, TooLong
+from rig.web.history import MOST_WAITING, Busy, HistoryQueries, TooLong
 from rig.web.protection import Names
 from rig.web.server import MOST_LINES, BoundedLog
 from tests.rig.daemon.benches import HEADERS, RunningBench, running, until, write_current

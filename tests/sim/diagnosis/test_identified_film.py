@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from rig.analysis.diagnosed import model_of
-from rig.analysis.predicted import predicted
+from rig.analysis.prediction import predicted
 from rig.records.record_file import Record
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model

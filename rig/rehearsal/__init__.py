@@ -1,1 +1,0 @@
-"""Experiments without hardware: simulated, swept, replayed."""

@@ -1,0 +1,206 @@
+"""Pages that compare a model with records: of an identification, and of a prediction."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from rig.analysis.error import residual
+from rig.analysis.identification import FitOptions, Identified, PlateComparison, identified
+from rig.analysis.prediction import ChannelError
+from rig.analysis.table_row import of_identification
+from rig.analysis.transition import FilmNumbers
+from rig.batch.engine import given
+from rig.config.model_file import write_model
+from rig.core.faults import Faults
+from rig.core.file_writing import write_text
+from rig.records.film_output import unit_of
+from rig.records.record_file import Record
+from rig.records.run_folder import plain_json
+from rig.report.batch import MODEL, RecordReport, Task, files_in
+from rig.report.figures import saved
+from rig.report.model_figures import (
+    derivative_figure,
+    drawn_over_time,
+    forc_figure,
+    histogram_figure,
+    loop_figure,
+    plate_figure,
+    residual_figure,
+)
+from rig.report.page import bullets, figure, paragraph, section, table, tiles, write_page
+
+Say = Callable[[str], None]
+
+
+def report_identification(
+    records: list[Record], options: FitOptions, models: Sequence[Path], report: Path | None, say: Say
+) -> dict[str, Any]:
+    """Fit one film and one plate to all records, and return the JSON of `peltier identify`. Raises Faults.
+
+    models: files to write the model to; report: folder, which is there; say: called with each line for the terminal.
+    """
+    found = identified(records, options, say)
+    for line in found.lines():
+        say(line)
+    result = found.document()
+    for path in models:
+        write_model(path, found.model, found.model_comment())
+    if models:
+        result["model"] = models[0]
+    if report is not None:
+        write_text(report / "identification.json", plain_json(result) + "\n")
+        _write_identification_page(report, found, result)
+    return result
+
+
+def _report_one(record: Any, options: FitOptions, model: str | None = None) -> RecordReport:
+    """Identify one record: a `Record`, or what an engine shares of it. model: path where its model will stand; None:
+    nowhere, and no report is made."""
+    lines: list[str] = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        try:
+            models, report = ([folder / MODEL], folder) if model is not None else ([], None)
+            result = report_identification([given(record)], options, models, report, lines.append)
+        except Faults as faults:
+            return RecordReport(faults=tuple(faults.lines))
+        files = files_in(folder)
+    if model is not None:
+        result["model"] = model
+        files["identification.json"] = (plain_json(result) + "\n").encode()
+    return RecordReport(result, tuple(lines), files)
+
+
+def identifications(options: FitOptions) -> Task:
+    """Return the task of identifying many records, each by itself."""
+    return Task(
+        work=_report_one,
+        options=options,
+        document="identification.json",
+        table="identifications",
+        title="Identifications",
+        row=of_identification,
+        rank=lambda row: (row["status"] == "done", int(row["number"])),
+        columns={
+            "film": "film",
+            "film_rmse": "RMSE of the film",
+            "heating_degC": "on heating, degC",
+            "cooling_degC": "on cooling, degC",
+            "plate": "plate",
+            "plate_rmse_K": "RMSE of the plate, K",
+        },
+    )
+
+
+def _write_identification_page(folder: Path, found: Identified, result: Mapping[str, Any]) -> None:
+    """Write report.html and figures/ in a folder that is there."""
+    film, unit = result.get("film"), unit_of(found.output)
+    parts: list[str] = []
+    lead = f"From {', '.join(Path(source).name for source in result['records'])}."
+    if film is not None:
+        lead = f"The film model follows the record to {film[f'rmse_{unit}']:.4g} {unit} RMS. {lead}"
+        numbers = [
+            (f"{film[f'rmse_{unit}']:.4g} {unit}", "RMSE of the fit"),
+            (f"{film[f'held_out_rmse_{unit}']:.4g} {unit}", "RMSE on rows that were held out"),
+            (f"{film[f'max_abs_{unit}']:.3g} {unit}", "largest error"),
+            (f"{film['active_operators']}", f"operators with weight, {film['kind'].replace('_', ' ')}"),
+            (film["memoryless"], "form of D(T)"),
+        ]
+        parts.append(tiles(numbers))
+    if result["left_out"]:
+        gone = [
+            f"{Path(out['record']).name}: rows {out['rows'][0]} to {out['rows'][1]} ({out['from_s']:.12g} to "
+            f"{out['to_s']:.12g} s) read {out['reads_degC']:.6g} degC: {out['rule']}"
+            for out in result["left_out"]
+        ]
+        parts.append(section("Temperatures that were left out", bullets(gone)))
+    compared = found.film_comparisons()
+    for k, (one, own) in enumerate(zip(compared, found.numbers, strict=True)):
+        suffix = f"_{k + 1}" if len(compared) > 1 else ""
+        name = f" of {Path(one.source).name}" if suffix else ""
+        parts.append(transition_section(folder, own, suffix, f"The transition{name}"))
+        left = residual(one.measured, one.modelled, found.output)
+        parts.append(
+            section(
+                f"The model over the record{name}",
+                loop_figure(folder, one.time_s, one.degC, one.measured, one.modelled, found.output, suffix),
+                residual_figure(folder, one.time_s, one.degC, left, unit, suffix),
+            )
+        )
+    if film is not None:
+        notes = film["identifiability"]
+        parts.append(
+            section("What the record cannot fix", bullets(notes) if notes else paragraph("Nothing of the film."))
+        )
+    if "plate" in result:
+        parts.append(_plate(folder, result["plate"], found.plate_comparisons()))
+    write_page(folder / "report.html", "Film and plate from a record", lead, parts)
+
+
+def _plate(folder: Path, plate: Mapping[str, Any], compared: Sequence[PlateComparison]) -> str:
+    parameters = [
+        [name, f"{one['value']:.6g}", f"\N{PLUS-MINUS SIGN} {0.5 * np.ptp(one['ci95']):.2g}"]
+        for name, one in plate["parameters"].items()
+    ]
+    figures = [plate_figure(folder, one, f"_{k + 1}" if len(compared) > 1 else "") for k, one in enumerate(compared)]
+    kind = "Peltier plate" if plate["kind"] == "peltier" else "heater"
+    fitted = (
+        f"The model of a {kind} leaves {plate['rmse_K']:.3g} K RMS, {plate['max_abs_K']:.3g} K at most; "
+        f"the thermometer's noise is {plate['noise_K']:.2g} K."
+    )
+    drive = " (per full drive in the place of A)" if plate["drive"] is not None else ""
+    return section(
+        "The plate",
+        paragraph(fitted),
+        *figures,
+        table([f"parameter{drive}", "value", "95 %"], parameters),
+        bullets(plate["identifiability"]),
+    )
+
+
+def transition_section(folder: Path, numbers: FilmNumbers, suffix: str = "", title: str = "The transition") -> str:
+    """Return the section on one record's transition; suffix: of the figures' names if a page shows several records."""
+    found, forc = numbers.transition, numbers.forc
+    rows = [[what, value.replace("+-", "\N{PLUS-MINUS SIGN}")] for what, value in numbers.rows()]
+    parts = [table(["what", "value and 95 % interval"], rows), bullets(numbers.notes())]
+    if found.shapes:
+        parts.append(derivative_figure(folder, found, f"derivative{suffix}", numbers.unit))
+    if forc.reason or not np.any(np.isfinite(forc.density)):
+        parts.append(paragraph(numbers.forc_note(), "note"))
+    else:
+        parts.append(forc_figure(folder, forc, f"forc{suffix}"))
+    return section(title, *parts)
+
+
+def write_prediction_report(
+    folder: Path, result: Mapping[str, Any], time_s: Array, degC: Array, errors: Sequence[ChannelError]
+) -> None:
+    """Write report.html, prediction.json and figures/ in a folder that is there."""
+    write_text(folder / "prediction.json", plain_json(result) + "\n")
+    parts, numbers = [], []
+    for one in errors:
+        plate = one.name == "temperature_degC"
+        numbers += [
+            (f"{one.rmse:.4g} {one.unit}", "RMSE of the " + ("temperature" if plate else "film's output")),
+            (f"{one.max_abs:.4g} {one.unit}", "largest error"),
+        ]
+        suffix = "_plate" if plate else ""
+        over_time = saved(drawn_over_time(time_s, [one]), folder, f"over_time{suffix}")
+        shown = [figure(over_time, "Measured and predicted, over time.")]
+        if not plate:
+            shown.append(loop_figure(folder, time_s, degC, one.measured, one.predicted, one.name))
+        shown += [
+            residual_figure(folder, time_s, degC, one.residual, one.unit, suffix),
+            histogram_figure(folder, one.residual, one.unit, suffix),
+        ]
+        parts.append(section("The plate's temperature" if plate else "The film", *shown))
+    lead = f"{Path(str(result['model'])).name} against {Path(str(result['record'])).name}."
+    if not parts:
+        parts.append(paragraph("Nothing to compare: neither readings of the film nor temperature with current."))
+    write_page(folder / "report.html", "A prediction and its record", lead, [tiles(numbers), *parts])

@@ -1,0 +1,449 @@
+"""Pages of one run: tracking, calibration, a plain profile, and whatever ended early, with their figures."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from compensator.hysteresis.functions import Array
+from rig.analysis.error import (
+    COUNTED,
+    TRACK,
+    Score,
+    Tracked,
+    residual_dec,
+    residual_label,
+    score,
+    shown_error,
+    target_error,
+    tracked,
+)
+from rig.analysis.transition import numbers_of_run
+from rig.core.columns import OF_A_RUN
+from rig.records.record_file import read_record
+from rig.records.recorded_run import CALIBRATION, LAW, PHASE, RunRows, drive_label, ended_early, inner_runs, limit_A
+from rig.records.run_folder import PREDICTED
+from rig.report.figures import BLUE, COLOURS, EDGE, SHADE, draw_line, legend_above, log_scale, new_figure, saved
+from rig.report.model_figures import draw_residual
+from rig.report.model_pages import transition_section
+from rig.report.page import bullets, figure, links, paragraph, section, table, tiles, write_page
+from sim.inference.covariance import NORMAL_95
+
+BAND_DEC = 0.05  # 12 % of the resistance: what the eye does not see in a transition of decades
+LONGEST = 160  # characters of an event
+LAST_EVENTS = 12  # what led to the end, on half a screen
+TITLES = {"current_profile": "{drive} profile"}  # else the kind's own name
+UNITS = {
+    "seebeck_over_capacity_per_A_s": ("S/C", "1/(A s)"),
+    "resistance_over_capacity_K_per_A2_s": ("R_e/C", "K/(A\N{SUPERSCRIPT TWO} s)"),
+    "conductance_over_capacity_per_s": ("G/C", "1/s"),
+    "seebeck_slope_per_K": ("relative slope of S", "1/K"),
+    "resistance_slope_per_K": ("relative slope of R_e", "1/K"),
+    "drive_over_capacity_K_per_s": ("heating rate at full drive", "K/s"),
+    "ambient_degC": ("ambient", "\N{DEGREE SIGN}C"),
+}
+
+
+def write_run_page(run: RunRows, out: Path) -> None:
+    """Write report.html and figures/ of a run into a folder that is there. Raises Faults if its rows cannot be read."""
+    what = str(run.document["start"]["what"])
+    inner = inner_runs(run.part, run.document["start"]["settings"])
+    if ended_early(run):
+        _write_ended_page(run, out, inner)
+    elif what == CALIBRATION:
+        _write_calibration_page(run, out)
+    elif what.startswith(LAW):
+        _write_tracking_page(run, out, inner)
+    else:
+        _write_profile_page(run, out)
+
+
+def _error_figure(out: Path, runs: Mapping[str, RunRows]) -> str:
+    """Draw the error of each run, by the name of its law, in a panel; return the page's figure."""
+    first = next(iter(runs.values()))
+    fig, axes = new_figure(len(runs), 1.6 + 1.5 * len(runs))
+    for axis, (law, run) in zip(axes, runs.items(), strict=True):
+        found = target_error(run)
+        assert found is not None
+        in_decades, kelvin = found.unit == "dec", found.unit == "K"
+        if in_decades:
+            axis.axhspan(-BAND_DEC, BAND_DEC, color=SHADE, zorder=0)
+        _course(axis, found.time_s, found.error, COLOURS.get("temperature" if kelvin else law, COLOURS["measured"]))
+        axis.set_ylabel(f"measured - wanted / {found.unit}" if kelvin else f"{law}: measured\n- wanted / {found.unit}")
+    axes[-1].set_xlabel("time of the target / s")
+    what = "temperature" if kelvin else "log10 R" if in_decades else tracked(first).name
+    text = f"The error over time, measured - wanted {what}."
+    text += " Each law has its own scale." * (len(runs) > 1)
+    text += f" Shaded: ± {BAND_DEC:g} decades." * in_decades
+    return figure(saved(fig, out, "errors"), text)
+
+
+def _course(axis: Axes, time: Array, error: Array, colour: str) -> None:
+    """Draw the error over time, with a dot where it is largest."""
+    axis.axhline(0.0, color=EDGE, linewidth=0.6)
+    draw_line(axis, time, error, color=colour, linewidth=1.0)
+    if np.any(np.isfinite(error)):
+        k = int(np.nanargmax(np.abs(error)))
+        axis.plot(time[k : k + 1], error[k : k + 1], "o", color=colour, markersize=4)
+
+
+def _courses(run: RunRows, out: Path, phase: str | None = None) -> str:
+    """Draw temperature, drive and, if it was read, the film, of a phase or the whole run; return the page's figure."""
+    inside = run.column(PHASE) == phase if phase is not None else np.full(run.rows, True)
+    time, degC, current = (run.column(name)[inside] for name in ("time_s", "temperature_degC", "current_A"))
+    own = [name for name in run.columns if name not in OF_A_RUN and not name.startswith(("target_", "predicted_"))]
+    film = ["resistance_ohm", *own][-1]  # or another quantity that the meter's voltage stands for
+    readings, wanted = run.column(film)[inside], run.column("setpoint_degC" if phase is None else "reference_degC")
+    measured = bool(np.any(np.isfinite(readings)))
+    fig, axes = new_figure(3, 7.6, [2.2, 1.3, 1.0]) if measured else new_figure(2, 5.0)
+    time = time if phase is None else time - time[0]
+    if measured:
+        target = run.column("target_ohm" if film == "resistance_ohm" else f"target_{film}")[inside]
+        _draw_measured_and_wanted(axes[0], time, readings, target, COLOURS["measured"])
+        if film == "resistance_ohm":
+            log_scale(axes[0])
+        axes[0].set_ylabel(film.replace("_", " / ", 1))
+    _draw_measured_and_wanted(axes[-2], time, degC, wanted[inside], COLOURS["temperature"])
+    axes[-2].set_ylabel("temperature / \N{DEGREE SIGN}C")
+    _draw_drive(axes[-1], run, time, current)
+    axes[-1].set_xlabel("time / s" if phase is None else "time of the target / s")
+    names = [*([film.partition("_")[0]] if measured else []), "temperature", f"{drive_label(run)[0]} (positive heats)"]
+    dashed = "; dashed: what was wanted" if np.any(np.isfinite(wanted[inside])) else ""
+    caption = f"{', '.join(names)}{dashed}.".capitalize()
+    return figure(saved(fig, out, "courses"), caption)
+
+
+def _facts(run: RunRows) -> str:
+    """Return the line under a report's headline: when, on what rig, with which instruments, and how it ended."""
+    start, stop = run.document["start"], run.document.get("stop", {})
+    instruments = ", ".join(f"{one['maker']} {one['model']}" for one in start["instruments"].values())
+    simulated = start["settings"]["bench"]["controller"]["port"].startswith("sim://")
+    off = "output off, confirmed" if stop.get("output_off_confirmed") else "OUTPUT NOT CONFIRMED OFF"
+    ended = f"Ended: {stop.get('reason', '?')}, {off}." if stop else "Nobody wrote down how it ended."
+    where = "SIMULATED rig" if simulated else "real rig"
+    text = f"{start['at'][:16].replace('T', ' ')} UTC, {where}: {instruments}. {ended}"
+    return paragraph(f"{text} {_punctuality(stop.get('ticks', {}))}".strip(), "note")
+
+
+def _punctuality(ticks: Mapping[str, float]) -> str:
+    """Return how punctual a run was: ticks done and missed, longest time without a reading with a current on."""
+    if not ticks:
+        return ""
+    text = f"{ticks['done']} ticks, {ticks['missed']} missed, at most {1e3 * ticks['latest_s']:.0f} ms late"
+    if "unwatched_s" in ticks:
+        gaps = f", {ticks['gaps']} gap{'s' * (ticks['gaps'] > 1)}" if ticks["gaps"] else ""
+        text += f"; longest time without a reading with a current on {ticks['unwatched_s']:.2f} s{gaps}"
+    if count := ticks.get("unacknowledged"):
+        text += f"; {count} command{'s' * (count > 1)} not acknowledged"
+    return text + "."
+
+
+def _draw_measured_and_wanted(axes: Axes, time_s: Array, measured: Array, wanted: Array, colour: str) -> None:
+    """Draw a reading over time and, if there is one, its target."""
+    draw_line(axes, time_s, measured, color=colour, label="measured", linewidth=1.5)
+    if np.any(np.isfinite(wanted)):
+        style = (0, (4, 2))
+        draw_line(axes, time_s, wanted, color=COLOURS["target"], linestyle=style, linewidth=1.1, label="wanted")
+        legend_above(axes)
+
+
+def _draw_drive(axes: Axes, run: RunRows, time_s: Array, current: Array) -> None:
+    """Draw what drove the plate."""
+    axes.axhline(0.0, color=EDGE, linewidth=0.6)
+    draw_line(axes, time_s, current, held=True, color=COLOURS["current"], linewidth=0.9)
+    axes.set_ylabel(" / ".join(drive_label(run)))
+
+
+def _write_profile_page(run: RunRows, out: Path) -> None:
+    """Write report.html of a recorded profile into `out`."""
+    seconds = float(run.column("time_s")[-1])
+    numbers = [(str(run.rows), "rows"), (f"{seconds:.0f} s", "duration")]
+    lead = f"{run.rows} rows over {seconds:.0f} s were recorded."
+    parts = [section("Courses", _courses(run, out))]
+    if (error := target_error(run)) is not None:
+        numbers += [(error.shown_rms, f"RMS error {COUNTED}"), (error.shown_largest, "the largest error of it")]
+        lead = f"The temperature was within {error.shown_rms} RMS of the wanted one {COUNTED}. {lead}"
+        parts.append(section("The error", _error_figure(out, {"temperature": run})))
+    kind = str(run.document["start"]["what"])
+    title = TITLES.get(kind, kind.replace("_", " ")).format(drive=drive_label(run)[0])
+    write_page(out / "report.html", f"{run.path.name}: {title}", lead, [_facts(run), tiles(numbers), *parts])
+
+
+def _write_tracking_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> None:
+    """Write report.html of one law's run into `out`; inner: its calibration and the laws to compare with, by name."""
+    own, what = _law_of(run), tracked(run)
+    runs = {own: run, **{name: other for name, other in inner.items() if name != CALIBRATION}}
+    found = {name: score(one, name, limit_A(one)) for name, one in runs.items()}
+    scores = {name: one for name, one in found.items() if one is not None}
+    mine, design = scores[own], run.document["result"]["design"]
+    calibration = inner[CALIBRATION].document.get("result") if CALIBRATION in inner else None
+    parts = [
+        _facts(run),
+        tiles(_numbers(run, mine, design, calibration)),
+        section(f"Wanted and measured {what.name}", _courses(run, out, TRACK)),
+        section("The error", _error_figure(out, {name: runs[name] for name in scores})),
+        section("The loop", _loop(run, what, out, own)),
+    ]
+    if len(scores) > 1:
+        parts.append(section("The laws on the same target", _laws(runs, scores, own)))
+    parts += _further(out, inner)
+    parts.append(section("What the numbers mean", *_meanings(run, own, design, calibration)))
+    lead = (
+        f"The law '{own}' kept the film within {_error(mine.rms, mine, 4)} RMS of the wanted {what.name} {COUNTED} "
+        f"(95 % of it within {_error(mine.p95, mine, 3)}; at worst {_error(mine.max, mine, 3)}, "
+        f"at {mine.max_at_s:.1f} s)."
+    )
+    others = {name: one.rms / mine.rms for name, one in scores.items() if name != own}
+    if others:
+        lead += " " + " and ".join(f"{times:.1f} times better than '{name}'" for name, times in others.items()) + "."
+    write_page(out / "report.html", f"{run.path.name}: tracking a wanted {what.name}", lead, parts)
+
+
+def _error(error: float, of: Score, digits: int) -> str:
+    return shown_error(error, of.unit, digits).replace(" dec", " decades")
+
+
+def _law_of(run: RunRows) -> str:
+    """Return the name of the law of a tracking run."""
+    return str(run.document["start"]["what"]).removeprefix(LAW)
+
+
+def _further(out: Path, inner: Mapping[str, RunRows]) -> list[str]:
+    """Return a section with links to the reports of the runs inside this one's folder."""
+    if not inner:
+        return []
+    texts = [name if name.startswith(CALIBRATION) else f"{LAW}{name}" for name in inner]
+    addresses = [Path(os.path.relpath(one.part / "report.html", out)).as_posix() for one in inner.values()]
+    return [section("Further reports", links(zip(texts, addresses, strict=True)))]
+
+
+def _numbers(
+    run: RunRows, mine: Score, design: Mapping[str, Any], calibration: Mapping[str, Any] | None
+) -> list[tuple[str, str]]:
+    numbers = [
+        (shown_error(mine.rms, mine.unit, 4), f"RMS error {COUNTED}"),
+        (shown_error(mine.max, mine.unit, 3), f"the largest error of it, at {mine.max_at_s:.1f} s"),
+    ]
+    if math.isfinite(mine.current_at_limit):
+        share = 100 * mine.current_at_limit
+        numbers.append((f"{share:.0f} %", f"of the time the {drive_label(run)[0]} was at its limit"))
+    if mine.law in ("full", "pid"):
+        output = "log R" if mine.unit == "dec" else "output"
+        loop, margins = ("temperature loop" if mine.law == "full" else f"{output} loop"), design["margins"]
+        numbers += [
+            (f"{margins['ms']:.2f}", f"maximum sensitivity Ms of the {loop}"),
+            (f"{margins['phase_margin_deg']:.0f}\N{DEGREE SIGN}", "phase margin"),
+            (f"{20 * math.log10(float(margins['gain_margin'])):.1f} dB", "gain margin"),
+        ]
+    if calibration is not None:
+        numbers.append((f"{calibration['check_rmse_dec']:.4f} dec", "calibration, held-out RMSE"))
+    return numbers
+
+
+def _label(what: Tracked) -> str:
+    return f"{what.name} / {'ohm' if what.in_ohm else what.unit}"
+
+
+def _loop(run: RunRows, what: Tracked, out: Path, own: str) -> str:
+    inside = run.column("phase") != TRACK
+    fig, axes = new_figure(1, 4.6)
+    for rows, colour, name in (
+        (inside, EDGE, "conditioning and approach"),
+        (~inside, COLOURS.get(own, COLOURS["measured"]), "tracking"),
+    ):
+        time, degC, shown = (run.column(each)[rows] for each in ("time_s", "temperature_degC", what.measured))
+        draw_line(axes[0], time, shown, over=degC, color=colour, linewidth=1.1, label=name)
+    axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
+    axes[0].set_ylabel(_label(what))
+    if what.in_ohm:
+        log_scale(axes[0])
+    axes[0].legend(loc="best")
+    return figure(
+        saved(fig, out, "loop"),
+        f"{what.name.capitalize()} over temperature: every turning point of the target is a minor loop that the "
+        "inverse had to cross.",
+    )
+
+
+def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) -> str:
+    unit = scores[own].unit
+    names = {
+        "full": "full: inverse, plate inverse, feedback",
+        "pid": "pid: on log R alone" if unit == "dec" else "pid: on the output alone",
+        "feedforward": "feedforward: inverses, no feedback",
+        "instrument_pid": "instrument_pid: the controller's own",
+    }
+    margins = {law: runs[law].document["result"]["design"]["margins"] for law in scores if law in ("full", "pid")}
+    rows = [
+        [
+            names.get(law, law),
+            shown_error(one.rms, unit, 4).split()[0],
+            shown_error(one.p95, unit, 4).split()[0],
+            shown_error(one.max, unit, 3).split()[0],
+            f"{margins[law]['ms']:.2f}" if law in margins else "\N{EN DASH}",
+            f"{one.rms / scores[own].rms:.1f} \N{MULTIPLICATION SIGN}",
+        ]
+        for law, one in scores.items()
+    ]
+    head = ["law", f"RMS / {unit}", f"95 % within / {unit}", f"largest / {unit}", "Ms", "RMS over that of " + own]
+    return table(head, rows, best=0)
+
+
+def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> list[str]:
+    in_ohm = tracked(run).in_ohm
+    what = f"measured - wanted {'log10 R' if in_ohm else tracked(run).name}"
+    texts = [
+        f"Errors are {what}, counted {COUNTED}; conditioning, the way to the first "
+        "value and the time to settle on it come before. All laws began from the same temperature on the same branch "
+        "of the loop.",
+    ]
+    if own in ("feedforward", "instrument_pid"):
+        loops = {"feedforward": "No loop is closed", "instrument_pid": "The loop is closed by the controller's own PID"}
+        texts.append(f"{loops[own]} under this law, so that there are no margins to report.")
+        return [paragraph(text, "note") for text in texts]
+    ms, unit = f"{design['margins']['ms']:.2f}", drive_label(run)[1].replace("of full", "full")
+    texts.append(
+        f"The temperature PID was designed for a largest sensitivity of {ms} with a dead time of "
+        f"{design['dead_time_s']:g} s at a period of {design['period_s']:g} s."
+        if own != "pid"
+        else f"The PID on {'log R' if in_ohm else 'the output'} was designed for a largest sensitivity of {ms} at the "
+        f"film's steepest slope" + (f", {design['process_gain']:.3g} decades per {unit} and second." if in_ohm else ".")
+    )
+    if calibration is not None:
+        doubts = "; ".join(calibration.get("identifiability", [])[:2])
+        texts.append(f"The controller knows only what the calibration gave: see its report. {doubts}")
+    return [paragraph(text, "note") for text in texts]
+
+
+def _write_ended_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> None:
+    """Write report.html of a run that ended early into `out`; inner: the runs inside its folder, by name."""
+    stop, what = run.document.get("stop", {}), str(run.document["start"]["what"])
+    reason = str(stop.get("reason", "unknown")).replace("_", " ")
+    reason = "all recorded, and nothing fitted" if reason == "done" else reason
+    time, phase = run.column("time_s"), str(run.column(PHASE)[-1])
+    lead = f"This run ended early, after {float(time[-1]):.1f} s, in its phase '{phase}': {stop.get('text') or reason}."
+    numbers = [(reason, "why it ended"), (f"{float(time[-1]):.1f} s", "duration"), (str(run.rows), "rows")]
+    if (error := target_error(run)) is not None:
+        numbers += [(error.shown_rms, "RMS error until then"), (error.shown_largest, "the largest")]
+    parts = [_facts(run), tiles(numbers), section("What was recorded", _courses(run, out))]
+    if error is not None:
+        note = f"Errors {COUNTED} that was recorded."
+        parts.append(section("The error", _error_figure(out, {_law_of(run): run}), paragraph(note, "note")))
+    events = _events(run.part / "events.jsonl")
+    if events:
+        parts.append(section("What happened last", table(["time / s", "what", "more"], events, kind="words")))
+    title = what.removeprefix(LAW) if not what.startswith(LAW) else f"tracking a wanted {tracked(run).name}"
+    write_page(out / "report.html", f"{run.path.name}: {title}, ended early", lead, [*parts, *_further(out, inner)])
+
+
+def _events(path: Path) -> list[list[str]]:
+    """Return the last events; a line that was cut off is left out."""
+    rows: list[list[str]] = []
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return []
+    for line in lines:
+        try:
+            event: Any = json.loads(line)
+            kind, text = str(event["event"]).replace("_", " "), str(event["text"])
+            short = text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+            rows.append([f"{float(event['time_s']):.2f}", kind, short])
+        except (ValueError, KeyError, TypeError):
+            continue
+    return rows[-LAST_EVENTS:]
+
+
+def _write_calibration_page(run: RunRows, out: Path) -> None:
+    """Write report.html of a calibration into `out`."""
+    result = run.document["result"]
+    lead = (
+        f"The film model predicts log R to {result['check_rmse_dec']:.4f} decades RMS "
+        f"(largest {result['check_max_dec']:.3f}) on {result['rows_checked']} rows that it was not fitted to."
+    )
+    low, high = result["transition_degC"]
+    numbers = [
+        (f"{result['check_rmse_dec']:.4f} dec", "held-out RMSE of log R"),
+        (f"{result['rmse_dec']:.4f} dec", "RMSE of the fit"),
+        (f"{result['check_rmse_K'] * 1e3:.0f} mK", f"held-out RMSE of the temperature from the {drive_label(run)[0]}"),
+        (f"{low:.0f}\N{EN DASH}{high:.0f} \N{DEGREE SIGN}C", "the transition"),
+        (result["memoryless"], "form of D(T)"),
+        (str(result["operators"]), "play operators with weight"),
+    ]
+    rows = [_parameter(one) for one in result["plate"]]
+    doubts = result["identifiability"]
+    predicted = _predicted(run.part / PREDICTED, run.rows)
+    film = [_loops(run, out, predicted)]
+    if predicted is not None:
+        film.append(_residual(run, out, predicted))
+    parts = [
+        _facts(run),
+        tiles(numbers),
+        section("The film", *film),
+        *([transition_section(out, numbers_of_run(run, run.path.name, result["lag_s"]))] if "lag_s" in result else []),
+        section(
+            "What this record cannot fix",
+            bullets(doubts) if doubts else paragraph("Nothing: it fixes the film and the plate."),
+        ),
+        section("The plate", table(["parameter", "value", "95 %", "unit"], rows), _courses(run, out)),
+    ]
+    write_page(out / "report.html", f"{run.path.name}: film and plate", lead, parts)
+
+
+def _parameter(one: dict[str, Any]) -> list[str]:
+    """Return a row of the plate's table."""
+    name, unit = UNITS.get(one["name"], (one["name"], ""))
+    error = one["standard_error"]
+    interval = f"\N{PLUS-MINUS SIGN} {NORMAL_95 * error:.2g}" if error is not None else "\N{EN DASH}"
+    return [name, f"{one['value']:.6g}", interval, unit]
+
+
+def _predicted(path: Path, rows: int) -> Array | None:
+    """Return the model's resistance (ohm) row by row; None if the folder, of an earlier version, has none."""
+    if not path.is_file():
+        return None
+    found = read_record(path, options=False).columns.get("predicted_ohm")
+    return found if found is not None and found.size == rows else None
+
+
+def _loops(run: RunRows, out: Path, predicted: Array | None) -> str:
+    fig, axes = new_figure(1, 4.8)
+    time, degC, ohm = (run.column(name) for name in ("time_s", "temperature_degC", "resistance_ohm"))
+    checked = run.column(PHASE) == "check"
+    drawn: list[tuple[Any, Any, str, str, Any]] = [
+        (~checked, ohm, EDGE, "fitted rows", "-"),
+        (checked, ohm, BLUE, "held-out rows", "-"),
+    ]
+    if predicted is not None:
+        drawn.append((checked, predicted, COLOURS["model"], "model", (0, (2, 2))))
+    for rows, values, colour, name, style in drawn:
+        draw_line(axes[0], time[rows], values[rows], over=degC[rows], color=colour, linestyle=style, label=name)
+    axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
+    axes[0].set_ylabel("resistance / ohm")
+    log_scale(axes[0])
+    axes[0].legend(loc="upper right")
+    return figure(
+        saved(fig, out, "loops"),
+        "Major and minor loops, and the model's prediction over the held-out minor loops.",
+    )
+
+
+def _residual(run: RunRows, out: Path, predicted: Array) -> str:
+    fig, axes = new_figure(1, 2.4)
+    time = run.column("time_s")
+    draw_residual(axes[0], time, residual_dec(run.column("resistance_ohm"), predicted))
+    checked = time[run.column(PHASE) == "check"]
+    axes[0].axvspan(float(checked[0]), float(checked[-1]), color=SHADE, zorder=0)
+    axes[0].set_xlabel("time / s")
+    axes[0].set_ylabel(residual_label("dec"))
+    return figure(
+        saved(fig, out, "residual"),
+        "The residual of log10 R over time; shaded: held-out rows.",
+    )
