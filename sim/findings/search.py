@@ -304,15 +304,25 @@ def _residuals(fit: Fit) -> tuple[Array, Array]:
 
 
 def explains_most(fit: Fit, without: Fit) -> bool:
-    """Return True if an effect removes most of what its absence leaves beyond the noise, in one channel at least."""
-    for more, less, channel in zip(_residuals(fit), _residuals(without), fit.metric.channels, strict=False):
+    """Return True if an effect removes most of what its absence leaves beyond the noise, in one channel at least: of
+    its mean square, or of the strength of its unknown rates, where something slower is left."""
+    pairs = zip(_residuals(fit), _residuals(without), fit.metric.channels, without.metric.channels, strict=False)
+    for more, less, channel, other in pairs:
         if not more.size or (channel is fit.metric.temperature and not fit.metric.simulated):
             continue
         white = channel.noise.white**2
         excess, before = float(np.mean(more**2)) - white, float(np.mean(less**2)) - white
         if before > LEFT_SHARE**2 * white and excess < (1.0 - MOST) * before:
             return True
+        if other.noise.slow > LEFT_SHARE * other.noise.white and _rate(channel) < (1.0 - MOST) * _rate(other):
+            return True
     return False
+
+
+def _rate(channel: ChannelNoise) -> float:
+    """How strongly a discrepancy's rate is driven: the root of the density of the white noise behind its process, but
+    for a factor."""
+    return channel.noise.slow * float(channel.noise.tau_s) ** -1.5
 
 
 def described(effect: Effect, fit: Fit) -> str:
