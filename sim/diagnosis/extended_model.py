@@ -155,14 +155,9 @@ def _film_model(fit: Fit) -> FilmModel:
         )
         kind = "generalized_pi" if memoryless.function == "none" else "extended_generalized_pi"
         return FilmModel(film.radii[kept], weights[kept], rising, falling, memoryless, kind, initial=initial)
-    relays = [
-        (Envelope("tanh", film.slope_per_K, -film.slope_per_K * (c + h)), h)
-        for c, h in zip(film.centre_degC[kept].tolist(), film.half_width_K[kept].tolist(), strict=True)
-    ]
-    rising_each = tuple(envelope for envelope, _ in relays)
-    falling_each = tuple(replace(envelope, b=envelope.b + 2.0 * film.slope_per_K * h) for envelope, h in relays)
-    radii = np.zeros(len(relays))
-    return FilmModel(radii, weights[kept], rising_each, falling_each, memoryless, "mixed_envelopes", initial=initial)
+    relays = film.density.only(kept)
+    radii = np.zeros(relays.centre.size)
+    return FilmModel(radii, weights[kept], *relays.envelopes(), memoryless, "mixed_envelopes", initial=initial)
 
 
 def _film_of_all(fit: Fit, record: Record, earlier: Sequence[Record]) -> FilmModel | None:

@@ -1,11 +1,10 @@
 """Forms of film that a record can have: columns of a linear model, for given values of a few nonlinear unknowns.
 
     PI film         y = D(T) + sum_j c_j F_j[T],  F_j generalized plays with two tanh envelopes, radii evenly spaced
-    Preisach film   y = D(T) + sum_jk c_jk tanh((F_h[T] - centre_k) / width),  F_h classical plays of half-width h
+    Preisach film   y = D(T) + sum_j c_j tanh(s_j (F_h[T] - centre_j)),  F_h classical plays of half-width h
 
 D(T) is a smooth curve of either sign over the record's range (`SmoothCurve`): a straight line by its first coefficient,
-and what bends it by the others. A sum of smooth steps of classical plays is a Preisach film of smooth density
-(P. Krejci, Hysteresis, Convexity and Dissipation in Hyperbolic Equations (Gakkotosho 1996), ch. II).
+and what bends it by the others.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from sim.inference.domains import Relays
+from sim.inference.film.preisach_density import PreisachDensity
 from sim.inference.joint import Unknown
 from sim.model.film_columns import SmoothCurve, operator_columns, play_columns
 from sim.model.film_nodes import FilmNodes
@@ -30,12 +30,6 @@ CONSTANT_DEC: Final = 30.0  # prior deviation of the offset: any resistance ther
 CURVE_DEC: Final = (1.0, 0.5, 0.2)  # of D's slope and bends over the range (degrees 1 to 3): less than any transition
 WAVE_DEC: Final = 0.03  # of what else D may do
 WEIGHT_DEC: Final = 0.3  # of an operator's or step's weight: a tenth of a usual transition
-SPACING: Final = 0.4  # of the spread of a branch, between centres of steps: a bell of that spread is met to 1e-3
-REACH: Final = 3.2  # spreads to either side of the loop's middle
-WIDTHS: Final = 36  # half-widths from 0 on
-SPREAD_OVER: Final = (24, 5)  # relays of a step: along its centre, and across the distance of half-widths
-WIDEST: Final = 1.5  # of the loop's width, the largest half-width: three times the usual one
-STEEP: Final = 0.9  # of a step, over the distance of centres: neighbours add up to a smooth flank
 MARGIN_K: Final = 5.0  # beyond the record's range: a lagging or self-heated film goes there
 SLOPES_PER_K: Final = (0.01, 2.0)  # of envelopes: transitions from 1 K to 200 K wide
 
@@ -114,26 +108,14 @@ class PIFilm:
 
 @dataclass(frozen=True, eq=False)
 class PreisachFilm:
-    """A film of smooth steps of classical plays. centre_degC, half_width_K: of each, (steps,); slope_per_K: of all;
-    of_all: the film of all steps, of which this one has a part."""
+    """A film of smooth relays. weight_dec: prior deviation of their weights; of_all: the film of all relays, of which
+    this one has a part."""
 
     curve: Curve
-    centre_degC: Array
-    half_width_K: Array
-    slope_per_K: float
+    density: PreisachDensity
     start: FilmStart
+    weight_dec: float = WEIGHT_DEC
     of_all: PreisachFilm | None = None
-
-    @classmethod
-    def over(cls, film: PIFilm, middle_degC: float, spread_K: float, width_K: float) -> PreisachFilm:
-        """Steps over a film's plane. middle_degC, width_K: of its loop; spread_K: standard deviation of a branch."""
-        between = spread_K * SPACING
-        count = math.ceil(REACH * spread_K / between)
-        centres = middle_degC + between * np.arange(-count, count + 1)
-        widest = max(WIDEST * width_K, between)
-        widths = np.linspace(0.0, widest, WIDTHS)
-        centre, half_width = (grid.ravel() for grid in np.meshgrid(centres, widths))
-        return cls(film.curve, centre, half_width, STEEP / between, film.start)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -141,39 +123,22 @@ class PreisachFilm:
 
     @cached_property
     def precision(self) -> Array:
-        return np.append(_curve_precision(self.curve), np.full(self.centre_degC.size, WEIGHT_DEC**-2.0))
+        return np.append(_curve_precision(self.curve), np.full(self.density.centre.size, self.weight_dec**-2.0))
 
     @property
     def free(self) -> int:
         return 1 + self.curve.count
 
     def columns(self, values: Array, nodes: FilmNodes) -> Array:
-        widths, place = np.unique(self.half_width_K, return_inverse=True)
-        plays = play_columns(nodes, widths)
-        steps = np.tanh(self.slope_per_K * (plays[:, place] - self.centre_degC))
-        return _with_curve(self.curve, nodes, steps)
+        return _with_curve(self.curve, nodes, self.density.outputs(lambda widths: play_columns(nodes, widths)))
 
     def relays(self, coefficients: Array) -> Relays:
-        """The relays that the steps come to: of each a few, spread as the step is, and over its neighbours' widths."""
-        share = (np.arange(SPREAD_OVER[0]) + 0.5) / SPREAD_OVER[0]
-        centre = self.centre_degC[:, None, None] + np.arctanh(2.0 * share - 1.0)[:, None] / self.slope_per_K
-        every = self.of_all or self
-        apart = float(np.max(every.half_width_K)) / (WIDTHS - 1)
-        wider = apart * np.linspace(-1.0, 1.0, SPREAD_OVER[1])
-        centre, width = np.broadcast_arrays(centre, np.abs(self.half_width_K[:, None, None] + wider))
-        weight = np.broadcast_to(2.0 / (centre[0].size) * coefficients[self.free :, None, None], centre.shape)
-        some = weight > 0.0
-        return Relays((centre + width)[some], (centre - width)[some], weight[some])
+        """Return sharp relays of about the film's density."""
+        return self.density.sharp(coefficients[self.free :])
 
     def only(self, active: NDArray[np.bool_]) -> PreisachFilm:
         """The same with some of the columns."""
-        steps = active[self.free :]
-        return replace(
-            self,
-            centre_degC=self.centre_degC[steps],
-            half_width_K=self.half_width_K[steps],
-            of_all=self.of_all or self,
-        )
+        return replace(self, density=self.density.only(active[self.free :]), of_all=self.of_all or self)
 
     def starting_with(self, start: FilmStart) -> PreisachFilm:
         """The same with another memory at the first row."""

@@ -13,7 +13,14 @@ from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect
 from sim.findings.candidates import Start, is_sizeable, possible, scores, starts
 from sim.findings.films import PIFilm
-from sim.findings.starts import in_domains, remembered, restarted, with_pi_film, with_preisach_film
+from sim.findings.starts import (
+    evidence_of_film,
+    in_domains,
+    remembered,
+    restarted,
+    with_pi_film,
+    with_preisach_film,
+)
 from sim.inference.evidence import FALSE_ALARM, price
 from sim.inference.joint import ChannelNoise, Fit, Metric
 from sim.inference.noise import estimate
@@ -260,17 +267,6 @@ class Search:
             return fit
         self.say(f"exchanged for: {named(other)}")
         return other
-
-
-def evidence_of_film(fit: Fit) -> float:
-    """Log-likelihood less what the film's coefficients and unknowns cost: the marginal likelihood over the coefficients
-    that carry the film (D. MacKay, Neural Computation 4 (1992) 415), and half a ln(rows) for each unknown."""
-    film, at = fit.joint.film, fit.at
-    if film is None:
-        return fit.log_likelihood
-    active = at.design[:, at.active] / np.sqrt(film.precision[at.active])
-    _, volume = np.linalg.slogdet(np.eye(active.shape[1]) + active.T @ active)
-    return float(fit.log_likelihood - 0.5 * volume - 0.5 * len(film.unknowns) * math.log(fit.joint.rows_dec.size))
 
 
 def left_over(fit: Fit) -> dict[str, float]:

@@ -14,6 +14,8 @@ from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import Kind
 from sim.effects.effect import Effect
 from sim.findings.films import PIFilm, PreisachFilm, curve_over
+from sim.inference.film.relay_plane import relays_over
+from sim.inference.film.rows import Path
 from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, Point, TwoChannels
 from sim.inference.noise import Noise, discrepancy
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH, beginnings, through_gaps
@@ -24,7 +26,9 @@ SHARES: Final = (0.0, 0.5, 1.0)  # of the loop's width that the envelopes' centr
 STEEPER: Final = (0.7, 1.0, 1.5)  # envelopes than the branches that they make
 LEVELS: Final = (0.25, 0.5, 0.75)  # of the output's range, at which branches are looked up
 SLOPES: Final = (0.02, 2.0)  # of a branch, 1/K: 100 K to 1 K wide
-SPREAD: Final = 0.907  # of a tanh's slope times the standard deviation of its derivative: pi / sqrt(12)
+RELAYS: Final = 24  # thresholds of either sense of a film of another kind: 16 leave something over, 36 gain nothing
+STEEPNESS: Final = 0.45  # of its relays: the smoothest that are as steep as films of grains, whose evidence is largest
+WEIGHTS_DEC: Final = (0.1, 0.03, 0.01, 0.003)  # prior deviations of a relay's weight
 TRIED: Final = 3  # of the starts of the film that are descended from
 FIRST_STEPS: Final = 6  # of these descents
 
@@ -135,17 +139,39 @@ def film_starts(record: TwoChannels, degC: Array) -> list[PIFilm]:
 
 
 def with_preisach_film(fit: Fit, effects: Sequence[Effect]) -> Fit:
-    """The fit with a Preisach film in place of its own, and some of its effects."""
-    record, old = fit.joint.record, fit.joint.film
+    """The fit with a Preisach film in place of its own, and some of its effects; the prior of the weights is the one of
+    the largest evidence."""
+    old = fit.joint.film
     assert isinstance(old, PIFilm)
     assert fit.metric.output is not None
-    degC = _smooth_path(fit)
-    centres, slope = branches(record, degC)
-    film = PreisachFilm.over(old, 0.5 * sum(centres), SPREAD / slope, max(centres[0] - centres[1], 0.0))
+    film = PreisachFilm(old.curve, relays_over(_readings_path(fit), RELAYS, STEEPNESS), old.start)
     joint = fit.joint.having(effects, film)
-    x = joint.from_other(fit.joint, fit.at.x)
     metric = replace(fit.metric, output=fit.metric.output.without_slow())
-    return thinned(joint.fit(x, metric, fit.at.own, rounds=1, most=fit.most, steps=0))
+    first = joint.fit(joint.from_other(fit.joint, fit.at.x), metric, fit.at.own, rounds=1, most=fit.most, steps=0)
+    tried = []
+    for weight_dec in WEIGHTS_DEC:
+        other = joint.having(effects, replace(film, weight_dec=weight_dec))
+        at = other.solve(first.at.x, first.metric, first.at.own)
+        tried.append(Fit(other, at, first.metric, other.log_likelihood(at, first.metric), fit.most))
+    return thinned(max(tried, key=evidence_of_film))
+
+
+def evidence_of_film(fit: Fit) -> float:
+    """Log-likelihood less what the film's coefficients and unknowns cost: the marginal likelihood over the coefficients
+    that carry the film (D. MacKay, Neural Computation 4 (1992) 415), and half a ln(rows) for each unknown."""
+    film, at = fit.joint.film, fit.at
+    if film is None:
+        return fit.log_likelihood
+    active = at.design[:, at.active] / np.sqrt(film.precision[at.active])
+    _, volume = np.linalg.slogdet(np.eye(active.shape[1]) + active.T @ active)
+    return float(fit.log_likelihood - 0.5 * volume - 0.5 * len(film.unknowns) * math.log(fit.joint.rows_dec.size))
+
+
+def _readings_path(fit: Fit) -> Path:
+    """The output over the film's temperature, in the used readings."""
+    rows, degC = fit.joint.rows_dec, _smooth_path(fit)
+    every, none = np.arange(rows.size), np.zeros(rows.size, dtype=np.int64)
+    return Path(degC[rows], none.astype(np.int8), every, fit.joint.output, none, every)
 
 
 def in_domains(fit: Fit) -> Fit:

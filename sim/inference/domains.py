@@ -48,8 +48,9 @@ class Domains(Repeated):
     relays: Relays
 
 
-def domain_columns(relays: Relays, nodes: FilmNodes) -> tuple[Array, Array]:
-    """(Columns of d at the points, (points, columns); variance that they leave out, (points,)), per step of 1."""
+def domain_columns(relays: Relays, nodes: FilmNodes) -> tuple[Array, Array, float]:
+    """(Columns of d at the points, (points, columns); variance that they leave out, (points,), per step of 1; the mean
+    time in which the film switches a fine part, s)."""
     weight = relays.weight
     up, down = _part(relays.up_degC, weight, FINE), _part(relays.down_degC, weight, FINE)
     wide_up, wide_down = up * COARSE // FINE, down * COARSE // FINE
@@ -62,7 +63,9 @@ def domain_columns(relays: Relays, nodes: FilmNodes) -> tuple[Array, Array]:
     common = states[2][:, within] * np.sqrt(sums[1] / sums[2][within])
     columns = np.concatenate((states[0], states[1] - common), axis=1)
     first, second, both = (np.sum(state**2, axis=1) for state in states)
-    return columns, np.maximum(0.25 * float(np.sum(weight)) - first - second + both, 0.0)
+    switched = float(np.sum(np.abs(np.diff(states[2] @ np.sqrt(sums[2])))))
+    a_part_s = float(np.ptp(nodes.time_s)) * float(np.sum(weight)) / FINE / max(switched, 1e-300)
+    return columns, np.maximum(0.25 * float(np.sum(weight)) - first - second + both, 0.0), a_part_s
 
 
 def _part(degC: Array, weight: Array, count: int) -> Integers:

@@ -715,12 +715,12 @@ class Joint:
         """The output's noise with the discrepancy of a film in domains, along a point's path."""
         run = at.run
         assert run.nodes is not None
-        columns, rest = domain_columns(relays, run.nodes)
+        columns, rest, a_part_s = domain_columns(relays, run.nodes)
         for e in run.links.hysteretic_part:
             columns = columns_followed(e, run.nodes.points_s, columns)
         meter = Ohmmeter(run.links, run.nodes, run.nodes.at_points(at.own))
         shown = np.ascontiguousarray(meter.plain(columns)[self.rows_dec])
-        return replace(output, domains=Domains(shown, run.nodes.of_rows(rest)[self.rows_dec], relays))
+        return replace(output, domains=Domains(shown, run.nodes.of_rows(rest)[self.rows_dec], a_part_s, relays))
 
     def _range_error(self, at: Point, white: float) -> Array:
         """What a reading may be off by because it is not known which range the ohmmeter was on, (used readings,)."""

@@ -28,7 +28,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize, minimize_scalar
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
 from scipy.special import chdtri
 
 from compensator.compiled import njit
@@ -38,9 +39,9 @@ FAR_OUT: Final = 4.0  # standard deviations beyond which a reading weighs less: 
 SIGNIFICANT: Final = 0.5 * float(chdtri(2, 0.01))  # log-likelihood that two parameters gain in 1 of 100 by chance
 RATIOS: Final = (0.05, 0.5, 5.0, 50.0)  # slow^2 / white^2 from which the likelihood is climbed
 TIMES: Final = (3.0, 30.0, 300.0, 3000.0)  # tau over the median step, likewise
-LASTING: Final = 3.0  # distances of readings: domains that switch between two readings are gone by then
+LASTING: Final = 3.0  # times how long what columns leave out hangs together: what goes on in time lasts longer
 NEGLIGIBLE: Final = 1e-12  # of the largest eigenvalue: rounding
-LOG_STEP: Final = (-20.0, 20.0)  # bounds of ln(step x eigenvalue of the median column): nothing, and all that there is
+STRIDE: Final = 1.0  # of ln(step / white^2) between trials: a parabola through three of them is within 0.1
 NOT_ALLOWED: Final = 1e300  # cost of a point outside a bound
 LOG_RATIO: Final = (-12.0, 20.0)  # bounds of ln(slow^2 / white^2): a thousandth, and ten thousand times, of the noise
 
@@ -223,10 +224,12 @@ class Readings:
 @dataclass(frozen=True, eq=False)
 class Repeated:
     """A discrepancy that comes again: columns with normal coefficients of one variance, `Noise.step`. columns:
-    (readings, columns); rest: variance of each reading that they leave out, per step, (readings,)."""
+    (readings, columns); rest: variance of each reading that they leave out, per step, (readings,); lasts_s: how long
+    what they leave out hangs together."""
 
     columns: Array
     rest: Array
+    lasts_s: float
 
 
 class Whitening:
@@ -235,41 +238,21 @@ class Whitening:
 
     def __init__(self, noise: Noise, readings: Readings, repeated: Repeated | None = None) -> None:
         self.noise = noise
-        variance = readings.variance
-        if repeated is not None:
-            variance = variance + noise.step / noise.white**2 * repeated.rest
-        self._gains = np.empty((readings.time_s.size, 7))
-        _gains(readings.steps_s, variance, noise.ratio, 0.5 * noise.tau_s, self._gains)
-        self._gains[:, 6] /= noise.white
+        self._gains, self._columns = _in_time(noise, readings, repeated)
         self.log_scale = float(np.sum(np.log(self._gains[:, 6])))
-        self.columns = self._in_time(repeated.columns) if repeated is not None else None
-        self._shrink = np.empty((0, 0))
-        if self.columns is not None:
-            self.sizes, self.ways = np.linalg.eigh(self.columns.T @ self.columns)
-            self.sizes = np.maximum(self.sizes, NEGLIGIBLE * self.sizes[-1])
-            more = 1.0 + noise.step * self.sizes
+        if self._columns is not None:
+            sizes, ways = np.linalg.eigh(self._columns.T @ self._columns)
+            sizes = np.maximum(sizes, NEGLIGIBLE * sizes[-1])
+            more = 1.0 + noise.step * sizes
             self.log_scale -= 0.5 * float(np.sum(np.log(more)))
-            self._shrink = (self.ways * ((1.0 - more**-0.5) / self.sizes)) @ self.ways.T
-
-    def _in_time(self, columns: Array) -> Array:
-        values = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
-        out = np.empty_like(values)
-        _whiten(values, self._gains, out)
-        return out.reshape(columns.shape)
+            self._shrink = (ways * ((1.0 - more**-0.5) / sizes)) @ ways.T
 
     def of(self, columns: Array) -> Array:
         """The columns, (readings, columns) or (readings,), in units of the noise."""
-        out = self._in_time(columns)
-        if self.columns is not None:
-            out = out - self.columns @ (self._shrink @ (self.columns.T @ out))
+        out = _whitened(columns, self._gains)
+        if self._columns is not None:
+            out = out - self._columns @ (self._shrink @ (self._columns.T @ out))
         return out
-
-    def projections(self, residual: Array) -> tuple[Array, float]:
-        """(Inner products of a residual with the principal columns of what comes again; its square), in units of the
-        noise in time."""
-        assert self.columns is not None
-        out = self._in_time(residual)
-        return self.ways.T @ (self.columns.T @ out), float(out @ out)
 
     def log_likelihood(self, residual: Array) -> float:
         """Of a residual, without the constant of 2 pi."""
@@ -277,14 +260,32 @@ class Whitening:
         return self.log_scale - 0.5 * float(white @ white)
 
 
+def _in_time(noise: Noise, readings: Readings, repeated: Repeated | None) -> tuple[Array, Array | None]:
+    """Filter that whitens what goes on in time, as in `_gains`, and the columns of what comes again after it."""
+    variance = readings.variance
+    if repeated is not None:
+        variance = variance + noise.step / noise.white**2 * repeated.rest
+    gains = np.empty((readings.time_s.size, 7))
+    _gains(readings.steps_s, variance, noise.ratio, 0.5 * noise.tau_s, gains)
+    gains[:, 6] /= noise.white
+    return gains, _whitened(repeated.columns, gains) if repeated is not None else None
+
+
+def _whitened(columns: Array, gains: Array) -> Array:
+    values = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
+    out = np.empty_like(values)
+    _whiten(values, gains, out)
+    return out.reshape(columns.shape)
+
+
 def estimate(
-    residual: Array, readings: Readings, least_white: float = 0.0, most_slow: float = math.inf, least_steps: float = 1.0
+    residual: Array, readings: Readings, least_white: float = 0.0, most_slow: float = math.inf, least_tau_s: float = 0.0
 ) -> Noise:
     """Return the noise of the highest likelihood for a residual, (readings,).
 
     least_white: the white noise is not smaller: an instrument's last digit. most_slow: the discrepancy is not larger:
     without a bound it stands in for a model that is all wrong. It is 0 where it gains less than `SIGNIFICANT`.
-    least_steps: its correlation time is no shorter, in distances of readings.
+    least_tau_s: its correlation time is no shorter than that and than the distance of readings.
     """
     step, span = readings.step_s(), float(np.ptp(readings.time_s)) + readings.step_s()
 
@@ -293,7 +294,7 @@ def estimate(
         value, white = _profile(residual, readings.steps_s, readings.variance, ratio, 0.5 * tau)
         return value if ratio * white <= most_slow**2 else NOT_ALLOWED
 
-    log_tau = math.log(least_steps * step), math.log(10.0 * span)
+    log_tau = math.log(max(least_tau_s, step)), math.log(10.0 * span)
     alone, white = _profile(residual, readings.steps_s, readings.variance, 0.0, step)
     times = [step * time for time in TIMES if time * step < 3.0 * span]
     starts = [(math.log(ratio), math.log(time)) for ratio in RATIOS for time in times]
@@ -312,29 +313,38 @@ def estimate_repeated(
 ) -> tuple[Noise, Array]:
     """Return (a likelier noise with a discrepancy that comes again; the mean of that discrepancy in each reading).
 
-    before: a noise to begin with. First the size of what comes again is found with what goes on in time held, then the
-    other way round.
+    before: a noise to begin with. First the size of what comes again is found, over the white noise, with what goes on
+    in time held, then the other way round.
     """
-    whitening, n = Whitening(before, readings, repeated), residual.size
-    inner, square = whitening.projections(residual)
-    sizes = whitening.sizes
 
-    def white2(log_step: float) -> float:
-        step = math.exp(log_step)
-        return max((square - float(np.sum(inner**2 * (step / (1.0 + step * sizes))))) / n, 1e-300)
+    def at(ratio: float) -> tuple[float, float, Array]:
+        """(-2 log-likelihood with the white variance at its best; that variance; mean) for a ratio step / white^2."""
+        gains, columns = _in_time(Noise(1.0, math.sqrt(before.ratio), before.tau_s, ratio), readings, repeated)
+        assert columns is not None
+        white = _whitened(residual, gains)
+        inner = columns.T @ white
+        factor = cho_factor(np.eye(inner.size) + ratio * (columns.T @ columns))
+        coefficients = ratio * cho_solve(factor, inner)
+        variance = max(float(white @ white - inner @ coefficients) / white.size, 1e-300)
+        logs = np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(gains[:, 6]))
+        return float(2.0 * logs) + white.size * math.log(variance), variance, repeated.columns @ coefficients
 
-    def cost(log_step: float) -> float:
-        return float(np.sum(np.log1p(math.exp(log_step) * sizes))) + n * math.log(white2(log_step))
-
-    middle = -math.log(float(np.median(sizes)))
-    bounds = middle + LOG_STEP[0], middle + LOG_STEP[1]
-    log_step = float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.01}).x)
-    scale, step = white2(log_step), math.exp(log_step)
-    white = max(before.white * math.sqrt(scale), least_white)
-    mean = repeated.columns @ (whitening.ways @ (step / (1.0 + step * sizes) * inner))
-    readings = replace(readings, variance=readings.variance + step * scale / white**2 * repeated.rest)
-    left = estimate(residual - mean, readings, least_white, most_slow, LASTING)
-    return Noise(white, math.sqrt(left.ratio) * white, left.tau_s, step * scale), mean
+    known = before.step > 0.0
+    first = math.log(before.step / before.white**2) if known else -math.log(float(np.median(repeated.columns.var(0))))
+    found = {0: at(math.exp(first))}
+    place, stride = 0, STRIDE if known else 2.0 * STRIDE
+    while place - 1 not in found or place + 1 not in found:
+        side = 1 if place + 1 not in found else -1
+        found[place + side] = at(math.exp(first + stride * (place + side)))
+        if found[place + side][0] < found[place][0]:
+            place += side
+    low, middle, high = (found[place + side][0] for side in (-1, 0, 1))
+    ratio = math.exp(first + stride * (place + 0.5 * (low - high) / (low - 2.0 * middle + high)))
+    _, variance, mean = at(ratio)
+    white = max(math.sqrt(variance), least_white)
+    readings = replace(readings, variance=readings.variance + ratio * repeated.rest)
+    left = estimate(residual - mean, readings, least_white, most_slow, LASTING * repeated.lasts_s)
+    return Noise(white, math.sqrt(left.ratio) * white, left.tau_s, ratio * variance), mean
 
 
 def discrepancy(residual: Array, noise: Noise, readings: Readings) -> tuple[Array, Array]:

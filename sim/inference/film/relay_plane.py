@@ -2,15 +2,9 @@
 
     u(T) = PI film + sum over (a, b) of p_ab tanh(s_ab (F_h[T] - c)),   p_ab >= 0,   c = (a + b) / 2,   h = (a - b) / 2
 
-F_h is the classical play operator of radius h (K), so that each term is a smooth relay: it switches up around a and
-down around b (I. D. Mayergoyz, Mathematical Models of Hysteresis (Elsevier 2003), ch. 1). It equals a generalized play
-operator of radius 0 with gamma_R = tanh(s (T - a)) and gamma_L = tanh(s (T - b)); gamma_R <= gamma_L everywhere, so
-that the order condition below paper eq (6) holds.
-
-The thresholds a lie where the output changes while heating, b where it changes while cooling, closer where it is
-steep. The weights have a normal prior, whose width is the one that predicts held-out rows best: relays that a record
-does not determine stay small, and what is left there is the PI film, its weights fitted anew with those of the relays.
-The problem has one minimum.
+The relays are those of `sim.inference.film.preisach_density`. The weights have a normal prior, whose width is the one
+that predicts held-out rows best: relays that a record does not determine stay small, and what is left there is the PI
+film, its weights fitted anew with those of the relays. The problem has one minimum.
 """
 
 from __future__ import annotations
@@ -25,11 +19,12 @@ from compensator.hysteresis.film import Envelope, FilmModel
 from compensator.hysteresis.functions import Array
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.multistart import slope_density
+from sim.inference.film.preisach_density import PreisachDensity
 from sim.inference.film.rows import Path
 from sim.inference.film.variable_projection import PlainFit
 from sim.inference.nnls import solve_triangle
 from sim.inference.triangle import reduced
-from sim.model.operator_outputs import Integers, operator_outputs
+from sim.model.operator_outputs import operator_outputs
 
 THRESHOLDS: Final = (12, 18, 24, 36)  # of either sense: half finer each, up to what half a second can compute
 BY_OUTPUT: Final = 0.8  # share of the thresholds placed by the output's change; the others evenly over the range
@@ -40,39 +35,24 @@ WIDTHS: Final = np.geomspace(1.0, 1000.0, 7)  # of the prior, over the noise: up
 NEGLIGIBLE: Final = 1e-6  # of all weights: below it a relay counts as absent
 
 
-@dataclass(frozen=True, eq=False)
-class RelayPlane:
-    """Relays: centre (degC), slope (1/K) and half-width (K) of each, shape (relays,)."""
+def relays_over(path: Path, thresholds: int, steepness: float = STEEPNESS) -> PreisachDensity:
+    """Return the relays between so many thresholds of either sense, placed for the records at hand."""
+    v = path.inputs[path.rows]
+    steps = np.linspace(float(np.min(v)), float(np.max(v)), STEPS + 2)[1:-1]  # of no width: what D lacks
+    up, down = (_thresholds(path, thresholds, sense) for sense in (1.0, -1.0))
+    return PreisachDensity.between(up, down, steps, steepness)
 
-    centre: Array
-    slope: Array
-    half_width: Array
 
-    @classmethod
-    def over(cls, path: Path, thresholds: int) -> RelayPlane:
-        """Return the relays between so many thresholds of either sense, placed for the records at hand."""
-        up, down = (_thresholds(path, thresholds, sense) for sense in (1.0, -1.0))
-        apart = np.sqrt(np.outer(np.gradient(up), np.gradient(down)))
-        a, b = np.meshgrid(up, down, indexing="ij")
-        kept = a > b
-        v = path.inputs[path.rows]
-        steps = np.linspace(float(np.min(v)), float(np.max(v)), STEPS + 2)[1:-1]  # of no width: what D lacks
-        centre = np.concatenate((0.5 * (a + b)[kept], steps))
-        slope = np.concatenate((STEEPNESS / apart[kept], STEEPNESS / np.gradient(steps)))
-        return cls(centre, slope, np.concatenate((0.5 * (a - b)[kept], np.zeros(STEPS))))
+def relay_outputs(relays: PreisachDensity, path: Path) -> Array:
+    """Return each relay's output at the readings, shape (readings, relays)."""
 
-    def outputs(self, path: Path) -> Array:
-        """Return each relay's output at the readings, shape (readings, relays)."""
-        widths, place = np.unique(self.half_width, return_inverse=True)
-        plays = np.empty((path.rows.size, widths.size))
+    def plays(widths: Array) -> Array:
+        out = np.empty((path.rows.size, widths.size))
         group = np.zeros(widths.size, dtype=np.int64)
-        gamma = np.ascontiguousarray(path.inputs[:, None])
-        operator_outputs(gamma, path.side, widths, group, np.inf, path.rows, plays)
-        return np.asarray(np.tanh(self.slope * (plays[:, place] - self.centre)), dtype=np.float64)
+        operator_outputs(np.ascontiguousarray(path.inputs[:, None]), path.side, widths, group, np.inf, path.rows, out)
+        return out
 
-    def only(self, kept: Integers) -> RelayPlane:
-        """Return some of the relays."""
-        return RelayPlane(self.centre[kept], self.slope[kept], self.half_width[kept])
+    return relays.outputs(plays)
 
 
 def _thresholds(path: Path, count: int, sense: float) -> Array:
@@ -97,12 +77,12 @@ class PlaneFit:
 
     plain: PlainFit
     pi_weights: Array
-    relays: RelayPlane
+    relays: PreisachDensity
     weights: Array
     coefficients: Array
     offset: float
     parameters: float
-    plane: RelayPlane
+    plane: PreisachDensity
     width: float
 
     @property
@@ -134,7 +114,7 @@ class PlaneFit:
     def play_outputs(self, path: Path) -> Array:
         """Return each operator's output at the readings, shape (readings, operators)."""
         plays = self.plain.play_outputs(path)[:, self.pi_weights > 0.0]
-        return np.concatenate((plays, self.relays.outputs(path)), axis=1)
+        return np.concatenate((plays, relay_outputs(self.relays, path)), axis=1)
 
     def jacobian(self, path: Path) -> Array:
         """Return the derivatives by the offset, D's coefficients and the weights, shape (readings, parameters)."""
@@ -147,16 +127,14 @@ class PlaneFit:
         theta, active = self.plain.solution.theta, self.pi_weights > 0.0
         radii = self.plain.problem.structure.radii(self.plain.problem.shapes(theta))[0][active]
         a_r, a_l = math.exp(theta[0]), math.exp(theta[2])
-        rising = [Envelope("tanh", a_r, -a_r * float(theta[1]))] * radii.size
-        falling = [Envelope("tanh", a_l, -a_l * float(theta[3]))] * radii.size
-        for c, slope, h in zip(self.relays.centre, self.relays.slope, self.relays.half_width, strict=True):
-            rising.append(Envelope("tanh", float(slope), -float(slope * (c + h))))
-            falling.append(Envelope("tanh", float(slope), -float(slope * (c - h))))
+        rising, falling = self.relays.envelopes()
+        of_pi = Envelope("tanh", a_r, -a_r * float(theta[1])), Envelope("tanh", a_l, -a_l * float(theta[3]))
+        rising, falling = (of_pi[0],) * radii.size + rising, (of_pi[1],) * radii.size + falling
         return FilmModel(
             np.append(radii, np.zeros(self.weights.size)),
             np.append(self.pi_weights[active], self.weights),
-            tuple(rising),
-            tuple(falling),
+            rising,
+            falling,
             self.form.memoryless(self.coefficients, self.plain.shape, self.offset),
             "mixed_envelopes",
             output,
@@ -164,14 +142,14 @@ class PlaneFit:
         )
 
 
-def fit_plane(path: Path, plane: RelayPlane, plain: PlainFit, width: float) -> PlaneFit:
+def fit_plane(path: Path, plane: PreisachDensity, plain: PlainFit, width: float) -> PlaneFit:
     """Return the likeliest weights of a PI film's operators, D and the relays. width: of the relays' prior, over the
     noise's standard deviation."""
     columns = _Columns(path, plane, plain)
     return columns.fit(columns.solved(width), width)
 
 
-def fit_plane_judged(path: Path, judges: Path, plane: RelayPlane, plain: PlainFit) -> tuple[PlaneFit, float]:
+def fit_plane_judged(path: Path, judges: Path, plane: PreisachDensity, plain: PlainFit) -> tuple[PlaneFit, float]:
     """Return the fit whose width predicts the rows of `judges` best, and its RMS error there."""
     columns = _Columns(path, plane, plain)
     others = _columns(judges, plane, plain)
@@ -192,18 +170,18 @@ def fit_plane_judged(path: Path, judges: Path, plane: RelayPlane, plain: PlainFi
     return columns.fit(x, float(WIDTHS[place])), least
 
 
-def _columns(path: Path, plane: RelayPlane, plain: PlainFit) -> Array:
+def _columns(path: Path, plane: PreisachDensity, plain: PlainFit) -> Array:
     """Columns of D, of the PI film's operators, of the relays, and the output, (readings, columns)."""
     memoryless = plain.form.columns(path.inputs[path.rows], plain.shape)
     plays = plain.play_outputs(path)
-    return np.concatenate((memoryless, plays, plane.outputs(path), path.output[:, None]), axis=1)
+    return np.concatenate((memoryless, plays, relay_outputs(plane, path), path.output[:, None]), axis=1)
 
 
 class _Columns:
     """The linear problem min |y - offset - D c - M p|^2 + |p|^2 / width^2 over p >= 0, the last term of the relays
     alone, for any width."""
 
-    def __init__(self, path: Path, plane: RelayPlane, plain: PlainFit) -> None:
+    def __init__(self, path: Path, plane: PreisachDensity, plain: PlainFit) -> None:
         self.plane, self.plain = plane, plain
         columns = _columns(path, plane, plain)
         self.mean = columns.mean(axis=0)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from compensator.hysteresis.functions import Array
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.multistart import envelope_bounds
-from sim.inference.film.relay_plane import THRESHOLDS, PlaneFit, RelayPlane, fit_plane, fit_plane_judged
+from sim.inference.film.relay_plane import THRESHOLDS, PlaneFit, fit_plane, fit_plane_judged, relays_over
 from sim.inference.film.rows import Path, Prepared, Start, build_path, held_out_blocks, thinned
 from sim.inference.film.variable_projection import PlainFit, Problem, Structure, denser, merged
 from sim.inference.noise import Readings, estimate
@@ -131,7 +131,7 @@ def choose_plane(rows: Rows, starts: Sequence[Start], film: Choice, needed: bool
     assert isinstance(film.fit, PlainFit)
     form = film.fit.form
     for thresholds in THRESHOLDS:
-        plane, error = fit_plane_judged(thin, held, RelayPlane.over(every, thresholds), film.trained)
+        plane, error = fit_plane_judged(thin, held, relays_over(every, thresholds), film.trained)
         fitted = rms(thin.output - plane.at(thin))
         candidates.append(Candidate("mixed_envelopes", form.name, plane.operators, fitted, error))
         if error < WORTH * least:

@@ -8,7 +8,7 @@ import scipy.optimize
 
 from sim.inference.covariance import block_sandwich
 from sim.inference.film.memoryless_forms import FORMS, Form
-from sim.inference.film.relay_plane import RelayPlane, fit_plane, fit_plane_judged
+from sim.inference.film.relay_plane import fit_plane, fit_plane_judged, relays_over
 from sim.inference.film.rows import FilmRecord, Path, Start, build_path, prepare
 from sim.inference.film.selection import make_problem
 from sim.inference.film.variable_projection import PlainFit, denser, equal_structure, merged
@@ -192,7 +192,7 @@ def test_a_steep_wide_loop_has_its_operators_where_its_relays_switch() -> None:
         y = relay_film(v, spread_K=0.8, half_width_K=6.0, width_spread=0.1)
         paths.append(build_path([prepare(FilmRecord(np.arange(v.size, dtype=float), v, y))], [Start()]))
     fitted, other = paths
-    fit, error = fit_plane_judged(fitted, other, RelayPlane.over(fitted, 18), plain_film(fitted))
+    fit, error = fit_plane_judged(fitted, other, relays_over(fitted, 18), plain_film(fitted))
     assert error < 0.01
     heavy = fit.weights > 0.02 * np.max(fit.weights)
     assert np.median(fit.relays.half_width[heavy]) == pytest.approx(6.0, abs=1.0)
@@ -202,7 +202,7 @@ def test_the_model_of_a_preisach_density_reproduces_its_fit() -> None:
     v = decaying_profile(1200)
     record = prepare(FilmRecord(np.arange(1200.0), v, relay_film(v)))
     path = build_path([record], [Start()])
-    fit = fit_plane(path, RelayPlane.over(path, 12), plain_film(path), 30.0)
+    fit = fit_plane(path, relays_over(path, 12), plain_film(path), 30.0)
     model = fit.model("minus_log10_ohm", "cooled")
     simulated, _ = model.simulate(record.inputs, model.initial_memory(float(v[0]), "cooled"))
     assert np.max(np.abs(simulated - fit.at(path))) < 1e-10
