@@ -36,6 +36,7 @@ PROMISING: Final = 0.2  # share of its price that a score must promise: far from
 MOST_EFFECTS: Final = 5  # more cannot be told apart in one record
 MOST: Final = 0.75  # of the mean square beyond the noise, half of its size: what explains less is no cause of it
 MOST_FILMS: Final = 2  # trials of a film of another kind: one before its effects are known, and one after
+PARTS: Final = ((50, 4), (50, 8))  # of the plane of a film in domains: as many as a few seconds can compute
 LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit's own discretization
 
 
@@ -224,8 +225,12 @@ class Search:
         """The likeliest fit with a Preisach film, smooth or in domains, with all effects or without those that may
         stand in for the film."""
         sets = [fit.effects, tuple(e for e in fit.effects if e.before_film or e.name in self.assumed)]
-        smooth = [with_preisach_film(fit, effects) for effects in dict.fromkeys(sets)]
-        fits = [*smooth, *(in_domains(other) for other in smooth if "output" in left_over(other))]
+        fits = []
+        for some in dict.fromkeys(sets):
+            fits.append(smooth := with_preisach_film(fit, some))
+            for parts in PARTS:  # finer for few domains of large steps
+                if "output" in left_over(fits[-1]):
+                    fits.append(in_domains(smooth, parts))
         for other in fits:
             self.say(f"tried a Preisach film with: {named(other)}")
         return max(fits, key=self.worth_of_film)

@@ -174,13 +174,13 @@ def _readings_path(fit: Fit) -> Path:
     return Path(degC[rows], none.astype(np.int8), every, fit.joint.output, none, every)
 
 
-def in_domains(fit: Fit) -> Fit:
-    """The fit with its Preisach film in domains: a discrepancy over its memory."""
+def in_domains(fit: Fit, parts: tuple[int, int]) -> Fit:
+    """The fit with its Preisach film in domains: a discrepancy over its memory. parts: as in `domain_columns`."""
     output, film = fit.metric.output, fit.joint.film
     assert output is not None
     assert isinstance(film, PreisachFilm)
     relays = film.relays(fit.at.coefficients)
-    metric = replace(fit.metric, output=fit.joint.in_domains(fit.at, output.without_slow(), relays))
+    metric = replace(fit.metric, output=fit.joint.in_domains(fit.at, output.without_slow(), relays, parts))
     return fit.joint.fit(fit.at.x, fit.joint.noise(fit.at, metric, fit.most), fit.at.own, most=fit.most)
 
 

@@ -16,7 +16,6 @@ as variance of a reading (E. Snelson, Z. Ghahramani, NIPS 18 (2006) 1257).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +26,6 @@ from sim.inference.noise import Repeated
 from sim.model.film_columns import film_path
 from sim.model.film_nodes import FilmNodes
 from sim.model.operator_outputs import Integers
-
-FINE: Final = 80  # parts of the film's change, of either sense: a part is switched in a row or two
-COARSE: Final = 4  # the same across
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,38 +39,57 @@ class Relays:
 
 @dataclass(frozen=True, eq=False)
 class Domains(Repeated):
-    """The discrepancy of a film in domains, in the readings of a fit; relays: that they are drawn from."""
+    """The discrepancy of a film in domains, in the readings of a fit; relays: that they are drawn from; parts: of the
+    plane, as in `domain_columns`."""
 
     relays: Relays
+    parts: tuple[int, int]
 
 
-def domain_columns(relays: Relays, nodes: FilmNodes) -> tuple[Array, Array, float]:
+def domain_columns(relays: Relays, nodes: FilmNodes, parts: tuple[int, int]) -> tuple[Array, Array, float]:
     """(Columns of d at the points, (points, columns); variance that they leave out, (points,), per step of 1; the mean
-    time in which the film switches a fine part, s)."""
+    time in which the film switches a fine part, s). parts: of the plane, in the fine and in the coarse direction."""
     weight = relays.weight
-    up, down = _part(relays.up_degC, weight, FINE), _part(relays.down_degC, weight, FINE)
-    wide_up, wide_down = up * COARSE // FINE, down * COARSE // FINE
-    pairs = (up * COARSE + wide_down, wide_up + COARSE * down, wide_up * COARSE + wide_down)
-    parts = [np.unique(pair, return_inverse=True)[1].astype(np.int64) for pair in pairs]
-    sums: list[Array] = [np.bincount(part, weights=weight).astype(np.float64) for part in parts]
-    states = [_states(relays, part, total, nodes) / np.sqrt(total) for part, total in zip(parts, sums, strict=True)]
+    inputs, _ = film_path(nodes)
+    slope = np.sign(np.diff(inputs))
+    moved = np.flatnonzero(slope)
+    turns, after = inputs[moved[1:]], slope[moved[1:]]
+    turned = after != slope[moved[:-1]]
+    up, wide_up = _parts(relays.up_degC, weight, turns[turned & (after < 0.0)], parts)
+    down, wide_down = _parts(relays.down_degC, weight, turns[turned & (after > 0.0)], parts)
+    pairs = (_numbered(up, wide_down), _numbered(down, wide_up), _numbered(wide_down, wide_up))
+    sums: list[Array] = [np.bincount(part, weights=weight).astype(np.float64) for part in pairs]
+    states = [_states(relays, part, total, nodes) / np.sqrt(total) for part, total in zip(pairs, sums, strict=True)]
     within = np.zeros(sums[1].size, dtype=np.int64)
-    within[parts[1]] = parts[2]
+    within[pairs[1]] = pairs[2]
     common = states[2][:, within] * np.sqrt(sums[1] / sums[2][within])
     columns = np.concatenate((states[0], states[1] - common), axis=1)
     first, second, both = (np.sum(state**2, axis=1) for state in states)
     switched = float(np.sum(np.abs(np.diff(states[2] @ np.sqrt(sums[2])))))
-    a_part_s = float(np.ptp(nodes.time_s)) * float(np.sum(weight)) / FINE / max(switched, 1e-300)
+    a_part_s = float(np.ptp(nodes.time_s)) * float(np.sum(weight)) / parts[0] / max(switched, 1e-300)
     return columns, np.maximum(0.25 * float(np.sum(weight)) - first - second + both, 0.0), a_part_s
 
 
-def _part(degC: Array, weight: Array, count: int) -> Integers:
-    """Which of so many parts of equal weight each relay is in, by a temperature."""
+def _parts(degC: Array, weight: Array, turns_degC: Array, parts: tuple[int, int]) -> tuple[Integers, Integers]:
+    """Which (fine, coarse) part each relay is in, by a temperature: of about equal weights, the coarse ones between turns
+    of the record, so that a pass sweeps whole ones."""
     order = np.argsort(degC, kind="stable")
     below = np.cumsum(weight[order]) / float(np.sum(weight))
-    part = np.empty(degC.size, dtype=np.int64)
-    part[order] = np.minimum((below * count).astype(np.int64), count - 1)
-    return part
+    share = np.empty(degC.size)
+    share[order] = below
+    turns = np.unique(np.interp(turns_degC, degC[order], below, left=0.0, right=1.0))
+    turns = turns[(turns > 0.5 / parts[0]) & (turns < 1.0 - 0.5 / parts[0])]
+    even = np.arange(1, parts[1]) / parts[1]
+    edges = np.unique(turns[np.argmin(np.abs(turns - even[:, None]), axis=1)]) if turns.size else even
+    coarse = np.searchsorted(edges, share).astype(np.int64)
+    fine = np.minimum((share * parts[0]).astype(np.int64), parts[0] - 1)
+    return _numbered(fine, coarse), coarse
+
+
+def _numbered(first: Integers, second: Integers) -> Integers:
+    """Number the pairs that there are from 0 on."""
+    pair = first * (int(np.max(second)) + 1) + second
+    return np.asarray(np.unique(pair, return_inverse=True)[1], dtype=np.int64)
 
 
 def _states(relays: Relays, part: Integers, total: Array, nodes: FilmNodes) -> Array:

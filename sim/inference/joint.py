@@ -705,22 +705,22 @@ class Joint:
         error = np.hypot(self.path_error(at, temperature), self._range_error(at, before.output.noise.white))
         start = before.output
         if start.domains is not None:
-            start = self.in_domains(at, start, start.domains.relays)
+            start = self.in_domains(at, start, start.domains.relays, start.domains.parts)
         output = _estimated(at.residual_dec, start.readings, error, LEAST_NOISE_DEC, most[1], start)
         if output.domains is None:
             output = _of_instrument(at.residual_dec, output, at.shown_dec[self.rows_dec])
         return before.of(temperature, output)
 
-    def in_domains(self, at: Point, output: ChannelNoise, relays: Relays) -> ChannelNoise:
+    def in_domains(self, at: Point, output: ChannelNoise, relays: Relays, parts: tuple[int, int]) -> ChannelNoise:
         """The output's noise with the discrepancy of a film in domains, along a point's path."""
         run = at.run
         assert run.nodes is not None
-        columns, rest, a_part_s = domain_columns(relays, run.nodes)
+        columns, rest, a_part_s = domain_columns(relays, run.nodes, parts)
         for e in run.links.hysteretic_part:
             columns = columns_followed(e, run.nodes.points_s, columns)
         meter = Ohmmeter(run.links, run.nodes, run.nodes.at_points(at.own))
         shown = np.ascontiguousarray(meter.plain(columns)[self.rows_dec])
-        return replace(output, domains=Domains(shown, run.nodes.of_rows(rest)[self.rows_dec], a_part_s, relays))
+        return replace(output, domains=Domains(shown, run.nodes.of_rows(rest)[self.rows_dec], a_part_s, relays, parts))
 
     def _range_error(self, at: Point, white: float) -> Array:
         """What a reading may be off by because it is not known which range the ohmmeter was on, (used readings,)."""
