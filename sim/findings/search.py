@@ -323,7 +323,7 @@ def explains_most(fit: Fit, without: Fit) -> bool:
 def _rate(channel: ChannelNoise) -> float:
     """How strongly a discrepancy's rate is driven: the root of the density of the white noise behind its process, but
     for a factor."""
-    return channel.noise.slow * float(channel.noise.tau_s) ** -1.5
+    return channel.noise.slow / math.sqrt(channel.noise.tau_s**3)
 
 
 def described(effect: Effect, fit: Fit) -> str:

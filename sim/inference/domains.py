@@ -71,8 +71,8 @@ def domain_columns(relays: Relays, nodes: FilmNodes, parts: tuple[int, int]) -> 
 
 
 def _parts(degC: Array, weight: Array, turns_degC: Array, parts: tuple[int, int]) -> tuple[Integers, Integers]:
-    """Which (fine, coarse) part each relay is in, by a temperature: of about equal weights, the coarse ones from turn to
-    turn, so that a pass sweeps whole ones."""
+    """Which (fine, coarse) part each relay is in, by a temperature: of about equal weights, the coarse ones from turn
+    to turn, so that a pass sweeps whole ones."""
     order = np.argsort(degC, kind="stable")
     below = np.cumsum(weight[order]) / float(np.sum(weight))
     share = np.empty(degC.size)
