@@ -50,7 +50,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from compensator.compiled import njit
-from compensator.hysteresis.functions import Array
+from compensator.hysteresis.functions import Array, lean
 
 TINY: Final = 1e-12  # of a variance: an instrument without noise
 LARGEST_SQUARE: Final = 16.0  # of an innovation over its deviation that counts: an outlier says no more than 4 of them
@@ -182,7 +182,8 @@ def errors_after(errors: Array, off: float, noise: float, most_share: float) -> 
         row[VARIANCE] = (1.0 - share) ** 2 * row[VARIANCE] + share**2 * (noise + TINY)
         row[LOG_WEIGHT] += log_likelihood(innovation, whole)
         best = max(best, row[LOG_WEIGHT])
-    after[:, LOG_WEIGHT] -= best
+    for row in after:
+        row[LOG_WEIGHT] -= best
     return after
 
 
@@ -234,57 +235,63 @@ def initial_heats(
     return heats
 
 
-@njit
-def _heat_later(heat: Array, known_lag_s: float, h: float, by: Predicted) -> None:
-    """Take a filter to a period h later, before a reading; known_lag_s: of the model."""
-    lag, u, q = max(heat[LAG], known_lag_s), by.driven_K_per_s, heat[UNSTEADY] ** 2
-    a = 1.0 - math.exp(-h / lag) if lag > 0.0 else 1.0
-    b = h - lag * a
-    s, p, f = heat[STATE], heat[STATE + 1], heat[STATE + 2] + u * heat[STATE + 3]
-    heat[STATE], heat[STATE + 1] = s + a * (p - s) + b * f, p + h * f
-    if lag > known_lag_s:
+@lean
+def _heat_later(heats: Array, n: int, known_lag_s: float, a: float, b: float, h: float, by: Predicted) -> None:
+    """Take filter n to a period h later; a, b: 1 - exp(-h / L), h - L a; known_lag_s: L of the model."""
+    u, q = by.driven_K_per_s, heats[n, UNSTEADY] ** 2
+    s, p, f = heats[n, STATE], heats[n, STATE + 1], heats[n, STATE + 2] + u * heats[n, STATE + 3]
+    heats[n, STATE], heats[n, STATE + 1] = s + a * (p - s) + b * f, p + h * f
+    if heats[n, LAG] > known_lag_s:
         behind, moved = by.plate_before_degC - by.shown_before_degC, by.plate_degC - by.plate_before_degC
-        heat[STATE] += a * behind + b * moved / h - (by.shown_degC - by.shown_before_degC)
-    covariance = heat[COVARIANCE:].reshape(4, 4)
-    for j in range(4):  # F P, whose rows d and e are those of P
-        s, p, f = covariance[0, j], covariance[1, j], covariance[2, j] + u * covariance[3, j]
-        covariance[0, j], covariance[1, j] = s + a * (p - s) + b * f, p + h * f
-    for i in range(4):  # (F P) F^T
-        s, p, f = covariance[i, 0], covariance[i, 1], covariance[i, 2] + u * covariance[i, 3]
-        covariance[i, 0], covariance[i, 1] = s + a * (p - s) + b * f, p + h * f
-    by_heat = 0.5 * h * h - lag * b, 0.5 * h * h, h  # of s, p and d, by a heat that grows evenly by one
+        heats[n, STATE] += a * behind + b * moved / h - (by.shown_degC - by.shown_before_degC)
+    for step, other in ((1, 4), (4, 1)):  # F P, whose rows d and e are those of P; then (F P) F^T, by its columns
+        for k in range(COVARIANCE, COVARIANCE + 4 * step, step):
+            s, p, f = heats[n, k], heats[n, k + other], heats[n, k + 2 * other] + u * heats[n, k + 3 * other]
+            heats[n, k], heats[n, k + other] = s + a * (p - s) + b * f, p + h * f
+    by_heat = 0.5 * h * h - max(heats[n, LAG], known_lag_s) * b, 0.5 * h * h, h  # of s, p, d: a heat that grows by one
     for i in range(3):
         for j in range(3):
-            covariance[i, j] += q * by_heat[i] * by_heat[j]
+            heats[n, COVARIANCE + 4 * i + j] += q * by_heat[i] * by_heat[j]
 
 
-@njit
-def _heat_after(heat: Array, off_K: float, noise: float) -> None:
-    """Correct a filter by a reading that is off the prediction; noise: its variance."""
-    covariance = heat[COVARIANCE:].reshape(4, 4)
-    whole, innovation = covariance[0, 0] + noise + TINY, off_K - heat[STATE]
-    first = covariance[0, 0], covariance[0, 1], covariance[0, 2], covariance[0, 3]
+@lean
+def _heat_after(heats: Array, n: int, off_K: float, noise: float) -> None:
+    """Correct filter n by a reading that is off the prediction; noise: its variance."""
+    k = COVARIANCE
+    first = heats[n, k], heats[n, k + 1], heats[n, k + 2], heats[n, k + 3]
+    whole, innovation = first[0] + noise + TINY, off_K - heats[n, STATE]
     for i in range(4):
         gain = first[i] / whole
-        heat[STATE + i] += gain * innovation
+        heats[n, STATE + i] += gain * innovation
         for j in range(4):
-            covariance[i, j] -= gain * first[j]
-    heat[WEIGHT] += log_likelihood(innovation, whole)
+            heats[n, k + 4 * i + j] -= gain * first[j]
+    heats[n, WEIGHT] += log_likelihood(innovation, whole)
 
 
 @njit
 def _shares(heats: Array, period_s: float) -> Array:
     """Return each filter's share, shape (lags * sizes,), and fade the weights of a lag's sizes, not of the lag."""
-    shares = np.exp(heats[:, WEIGHT] - np.max(heats[:, WEIGHT]))
-    shares /= np.sum(shares)
-    kept, first, count = math.exp(-period_s / HEAT_MEMORY_S), 0, heats.shape[0]
+    # loops throughout: the law's step is timed in microseconds, and slices would be a tenth of it
+    count, best, total, kept = heats.shape[0], -math.inf, 0.0, math.exp(-period_s / HEAT_MEMORY_S)
+    shares = np.empty(count)
+    for k in range(count):
+        best = max(best, heats[k, WEIGHT])
+    for k in range(count):
+        shares[k] = math.exp(heats[k, WEIGHT] - best)
+        total += shares[k]
+    first = 0
     while first < count:
-        last = first
+        last, best, whole, faded = first, -math.inf, LEAST_WEIGHT, 0.0
         while last < count and heats[last, LAG] == heats[first, LAG]:
+            best = max(best, heats[last, WEIGHT])
+            shares[last] /= total
+            whole += shares[last]
             last += 1
-        weights = heats[first:last, WEIGHT]
-        weights[:] = kept * (weights - np.max(weights))
-        weights += math.log((np.sum(shares[first:last]) + LEAST_WEIGHT) / np.sum(np.exp(weights)))
+        for k in range(first, last):
+            heats[k, WEIGHT] = kept * (heats[k, WEIGHT] - best)
+            faded += math.exp(heats[k, WEIGHT])
+        for k in range(first, last):
+            heats[k, WEIGHT] += math.log(whole / faded)
         first = last
     return shares
 
@@ -304,18 +311,25 @@ def corrected_temperature(
     The reading was taken acts_after_s before the moment of the prediction. lag_s: of the thermometer in the model.
     """
     noise, after = updated_noise(estimate.degC, reading_degC, period_s), heats.copy()
+    a = b = 0.0
     for k in range(after.shape[0]):
+        if k == 0 or after[k, LAG] != after[k - 1, LAG]:
+            lag = max(after[k, LAG], lag_s)
+            a = 1.0 - math.exp(-period_s / lag) if lag > 0.0 else 1.0
+            b = period_s - lag * a
         before_K = after[k, STATE]
-        _heat_later(after[k], lag_s, period_s, predicted)
+        _heat_later(after, k, lag_s, a, b, period_s, predicted)
         moved_K = predicted.shown_degC - predicted.shown_before_degC + after[k, STATE] - before_K
         since_K = moved_K * acts_after_s / period_s
-        _heat_after(after[k], reading_degC + since_K - predicted.shown_degC, noise.variance)
+        _heat_after(after, k, reading_degC + since_K - predicted.shown_degC, noise.variance)
     shares, mean = _shares(after, period_s), np.zeros(4)
     for k in range(shares.size):
         for i in range(4):
             mean[i] += shares[k] * after[k, STATE + i]
     drive_error = min(max(estimate.drive_error + mean[3], -LARGEST_DRIVE_ERROR), LARGEST_DRIVE_ERROR)
     mean[3] = drive_error - estimate.drive_error
-    after[:, STATE:COVARIANCE] -= mean
+    for k in range(shares.size):
+        for i in range(4):
+            after[k, STATE + i] -= mean[i]
     known = Estimate(estimate.drift_K_per_s + mean[2], drive_error, noise, estimate.output)
     return predicted.shown_degC + mean[0], predicted.plate_degC + mean[1], known, after
