@@ -148,20 +148,160 @@ KELVIN: Column = ("temperature_degC", "K", ".3f")
 CELSIUS: Column = ("temperature_degC", "as ours", ".3f")
 OHM: Column = ("resistance_ohm", "as ours", ".6e")
 AMPERE: Column = ("current_A", "as ours", ".4f")
+Clock = Callable[[datetime, float, int], str]  # of a row: its moment, its time (s), its number from 0
 
 
-def own_names(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (TIME, CELSIUS, OHM, AMPERE))
-    head = "time_s,temperature_degC,resistance_ohm,current_A"
-    return Way("our own names", "record.csv", encoded([head, *lines_of(fields, ",")]), expected)
+def table(
+    name: str,
+    file: str,
+    columns: Sequence[Column],
+    head: Sequence[str],
+    separator: str = ",",
+    *,
+    clock: Sequence[Clock] = (),
+    start: datetime = EVENING,
+    step_s: float = 0.5,
+    change: Callable[[list[str]], list[str]] = lambda texts: texts,
+    row: str = "{}",
+    tail: Sequence[str] = (),
+    encoding: str = "utf-8",
+    end: str = "\n",
+    units: str = "",
+) -> Callable[[Truth], Way]:
+    """A way that is names above columns. clock: columns before them; change: of all other fields; row: around each;
+    units: what the writer knows, as NAME=UNIT with blanks between."""
+
+    def write(truth: Truth) -> Way:
+        if step_s != 0.5:
+            truth = truth_of(int(truth.resistance_ohm[0]), step_s=step_s)
+        fields, expected = columns_of(truth, columns)
+        expected.setdefault("time_s", times(truth))
+        moments = list(zip(stamps(truth, start), truth.time_s.tolist(), range(truth.time_s.size), strict=True))
+        before = [[of(*moment) for moment in moments] for of in clock]
+        rows = [row.format(line) for line in lines_of([*before, *map(change, fields)], separator)]
+        known = dict(one.split("=") for one in units.split())
+        return Way(name, file, encoded([*head, *rows, *tail], encoding, end), expected, known)
+
+    return write
 
 
-def pandas_index(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (CELSIUS, OHM))
-    expected["time_s"] = times(truth)
-    index = [stamp.isoformat(" ", "microseconds") for stamp in stamps(truth)]
-    lines = ["timestamp,temperature_C,resistance_ohm", *lines_of([index, *fields], ",")]
-    return Way("pandas, a DatetimeIndex", "frame.csv", encoded(lines), expected)
+def dotted(texts: list[str]) -> list[str]:
+    """123.456,78 for 123456.78."""
+    return [f"{float(text):,.2f}".translate(str.maketrans(",.", ".,")) for text in texts]
+
+
+def thousands(texts: list[str]) -> list[str]:
+    """1,234.56 in quotes, as spreadsheets write what is large."""
+    return [f'"{float(text):,.2f}"' if float(text) >= 1e3 else text for text in texts]
+
+
+def finest(ours: str, unit: str, form: str = ".18e") -> Column:
+    return ours, unit, form
+
+
+TENTH: Clock = lambda s, t, k: f"{s:%H:%M:%S}.{s.microsecond // 100000}"  # noqa: E731
+NUMBER: Clock = lambda s, t, k: str(k + 1)  # noqa: E731
+MINUTES: Column = ("time_s", "min", ".4f")
+CENTI: Column = ("temperature_degC", "as ours", ".2f")
+KOHM: Column = ("resistance_ohm", "kohm", ".4f")
+MA: Column = ("current_A", "mA", ".1f")
+PLAIN = "time_s=s temperature_degC=degC resistance_ohm=ohm"
+LVM_HEAD = [
+    "LabVIEW Measurement\t", "Writer_Version\t2", "Reader_Version\t2", "Separator\tTab", "Decimal_Separator\t.",
+    "Multi_Headings\tNo", "X_Columns\tOne", "Time_Pref\tRelative", "Operator\tlab", "Date\t2026/11/21",
+    "Time\t14:03:02.5123456789", "***End_of_Header***\t", "\t", "Channels\t3\t\t\t", "Samples\t240\t240\t240\t",
+    "Date\t2026/11/21\t2026/11/21\t2026/11/21\t", "Time\t14:03:02.5\t14:03:02.5\t14:03:02.5\t",
+    "Y_Unit_Label\tdegC\tOhm\tA\t", "X_Dimension\tTime\tTime\tTime\t",
+    "X0\t0.0000000000000000E+0\t0.0000000000000000E+0\t0.0000000000000000E+0\t",
+    "Delta_X\t0.500000\t0.500000\t0.500000\t", "***End_of_Header***\t\t\t\t",
+    "X_Value\tTemperature\tResistance\tCurrent\tComment",
+]  # fmt: skip
+SCANNER_HEAD = [
+    "Data for:,film 12", "Owner:,lab", "Comments:,", "Acquisition Date:,11/21/2026 2:03:02 PM", "",
+    "Instrument:,34970A,Address:,GPIB0::9::INSTR,,", "Total Channels:,2", "", "Scan,Time,101 (C),102 (OHM)",
+]  # fmt: skip
+TABLES: tuple[Callable[[Truth], Way], ...] = (
+    table("our own names", "record.csv", (TIME, CELSIUS, OHM, AMPERE),
+          ["time_s,temperature_degC,resistance_ohm,current_A"]),
+    table("pandas, a DatetimeIndex", "frame.csv", (CELSIUS, OHM), ["timestamp,temperature_C,resistance_ohm"],
+          clock=[lambda s, t, k: s.isoformat(" ", "microseconds")]),
+    table("numpy.savetxt", "run7.txt", [finest("time_s", "as ours"), finest("temperature_degC", "K"),
+          finest("resistance_ohm", "as ours")], ["# t_s T_K R_ohm"], " "),
+    table("MATLAB writematrix: no header", "data.csv", (TIME, CELSIUS, OHM), [], units=PLAIN),
+    table("Fortran, D exponents, names in a comment", "film12.out", [finest("time_s", "as ours", ".6E"),
+          finest("temperature_degC", "K", ".6E"), finest("resistance_ohm", "as ours", ".6E")],
+          ["! film 12, second cool-down", "! time [s]   T [K]   R [Ohm]"], "   ", row="   {}",
+          change=lambda texts: [text.replace("E", "D") for text in texts]),
+    table("LabVIEW .lvm", "test_001.lvm", (("time_s", "as ours", ".6f"), CELSIUS, OHM, AMPERE), LVM_HEAD, "\t",
+          row="{}\t", end="\r\n"),
+    table("LabVIEW Write To Spreadsheet: no header, decimal comma", "Messung.xls.txt",
+          (TIME, CELSIUS, ("resistance_ohm", "as ours", ".3f")), [], "\t", change=comma, end="\r\n", units=PLAIN),
+    table("Excel, German, cp1252", "Messung 3.csv", (TIME, CENTI, KOHM, AMPERE),
+          ["Zeit [s];Temperatur [°C];Widerstand [kOhm];Strom [A]"], ";", change=comma, encoding="cp1252", end="\r\n"),
+    table("Excel, French, UTF-8 with BOM", "relevé.csv", (TIME, CENTI, ("resistance_ohm", "as ours", ".1f"), MA),
+          ["Temps (s);Température (°C);Résistance (Ω);Courant (mA)"], ";", change=comma,
+          encoding="utf-8-sig", end="\r\n"),
+    table("Excel, US, thousands separators in quotes", "Book1.csv",
+          (TIME, CELSIUS, ("resistance_ohm", "as ours", ".2f")),
+          ["Time (s),Temperature (C),Resistance (ohms)"], change=thousands, end="\r\n"),
+    table("Excel's Unicode text: UTF-16, tabs", "Book1.txt",
+          (("time_s", "min", ".5f"), KELVIN, ("resistance_ohm", "kohm", ".5f")), ["Time [min]\tT [K]\tR [kΩ]"], "\t",
+          encoding="utf-16", end="\r\n"),
+    table("Igor Text", "waves.itx", (TIME, KELVIN, OHM), ["IGOR", "WAVES/D\tt_s\tT_K\tR_ohm", "BEGIN"], "\t",
+          row="\t{}", tail=["END", 'X SetScale/P x 0,1,"", t_s; SetScale y 0,0,"", t_s', 'X SetScale/P x 0,1,"", T_K'],
+          end="\r"),
+    table("Origin: long names, units, comments", "Graph2.dat", (TIME, KELVIN, ("resistance_ohm", "as ours", ".5g")),
+          ["Time\tTemperature\tResistance", "sec\tK\tOhm", "\tCernox\t4-wire"], "\t", end="\r\n"),
+    table("QCoDeS .dat", "data.dat", [finest("time_s", "as ours", ".12g"), finest("temperature_degC", "K", ".12g"),
+          finest("resistance_ohm", "as ours", ".12g")],
+          ["# time\ttemperature\tresistance", '# "Time (s)"\t"Temperature (K)"\t"Resistance (Ohm)"', "# 240"], "\t"),
+    table("a chart recorder's US dates over noon", "chart.csv", (KELVIN, KOHM),
+          ["Date/Time,Input A (K),Sensor B (kOhm)"],
+          clock=[lambda s, t, k: f"{s.month}/{s.day}/{s.year} {s:%I:%M:%S %p}"],
+          start=datetime(2026, 11, 21, 11, 57, 0), step_s=2.0, end="\r\n"),
+    table("a Bluesky table: seconds since 1970, no units", "scan_42.csv", (CELSIUS, OHM),
+          ["seq_num,time,thermo_temperature,dmm_resistance"],
+          clock=[NUMBER, lambda s, t, k: f"{1795269782.25 + t:.6f}"], units=PLAIN),
+    table("a scanner's UTF-16, a colon before the ms", "Data 1.csv", (CELSIUS, OHM), SCANNER_HEAD,
+          clock=[NUMBER, lambda s, t, k: f"{s:%m/%d/%Y %H:%M:%S}:{s.microsecond // 1000:03d}"],
+          encoding="utf-16", end="\r\n"),
+    table("a TEC controller's log, German", "LOG_1.csv",
+          (CELSIUS, ("sink_degC", "as ours", ".2f"), ("current_A", "as ours", ".3f")),
+          ["Time;Object Temperature [°C];Sink Temperature [°C];Actual Output Current [A];Device Status"], ";",
+          clock=[lambda s, t, k: f"{s:%d.%m.%Y %H:%M:%S},{s.microsecond // 1000:03d}"], change=comma, row="{};Run",
+          encoding="utf-8-sig", end="\r\n"),
+    table("quantities over units: t / min", "Versuch.txt", (MINUTES, CELSIUS, KOHM, MA),
+          ["t / min\tϑ / °C\tR / kΩ\tI / mA"], "\t"),
+    table("degrees Fahrenheit, elapsed h:mm:ss", "omega.csv", (("temperature_degC", "degF", ".2f"), OHM),
+          ["Elapsed,Temp (°F),Res (ohm)"],
+          clock=[lambda s, t, k: f"{int(t // 3600)}:{int(t % 3600 // 60):02d}:{t % 60:04.1f}"]),
+    table("a clock, over midnight", "night.csv", (CELSIUS, OHM), ["Time,T_C,R_ohm"], clock=[TENTH],
+          start=datetime(2026, 11, 21, 23, 59, 12)),
+    table("German dates, 123.456,78", "Export.csv", (CENTI, ("resistance_ohm", "as ours", ".2f")),
+          ["Datum/Uhrzeit;Temperatur (°C);Widerstand (Ohm)"], ";", change=dotted, encoding="cp1252", end="\r\n",
+          clock=[lambda s, t, k: f"{s:%d.%m.%Y %H:%M:%S},{s.microsecond // 100000}"]),
+    table("date and time apart, 03/04/2026 into 04/04", "log.csv", (CENTI, ("resistance_ohm", "as ours", ".1f")),
+          ["Date,Time,Temp(C),Resistance(ohm)"],
+          clock=[lambda s, t, k: f"{s:%d/%m/%Y}", lambda s, t, k: f"{s:%H:%M:%S}"],
+          start=datetime(2026, 4, 3, 23, 57, 30), step_s=2.0, units="time_s=dmy"),
+    table("conductance in microsiemens", "G.csv", (TIME, KELVIN, ("resistance_ohm", "uS", ".6g")),
+          ["Time (s),Temperature (K),Conductance (µS)"], units="resistance_ohm=uS"),
+    table("resistance that is called conductance", "R.csv",
+          (("time_s", "ms", ".0f"), KELVIN, ("resistance_ohm", "as ours", ".2f")),
+          ["Time (ms),Temperature (K),Conductance (Ohm)"], units="resistance_ohm=ohm"),
+    table("kelvin under the name of degC", "film.csv", (TIME, KELVIN, OHM), ["time_s,temperature_degC,resistance_ohm"],
+          units="temperature_degC=K"),
+    table("bare names, R in kilohms", "x.csv", (TIME, CELSIUS, KOHM), ["time,temp,R"],
+          units="time_s=s temperature_degC=degC resistance_ohm=kohm"),
+    table("a Japanese logger, cp932", "data.csv", (TIME, CENTI, KOHM), ["時間(s),温度(℃),抵抗(kΩ)"], encoding="cp932",
+          end="\r\n", units="time_s=s temperature_degC=degC resistance_ohm=kohm"),
+    table("log10 of the resistance, two spaces", "loop.txt", (TIME, CENTI, ("resistance_ohm", "log10ohm", ".5f")),
+          ["t (s)  T (°C)  log10(R/Ohm)"], "  ", units="resistance_ohm=log10ohm"),
+    table("ISO times with a zone, comments", "telegraf.csv",
+          (CELSIUS, ("resistance_ohm", "Mohm", ".8f"), ("current_A", "mA", ".2f")),
+          ["# plate 3, film 12", "#", "time,T [degC],R [MOhm],I [mA]"],
+          clock=[lambda s, t, k: s.replace(tzinfo=timezone(timedelta(hours=1))).isoformat(timespec="milliseconds")]),
+)  # fmt: skip
 
 
 def r_frame(truth: Truth) -> Way:
@@ -174,101 +314,6 @@ def r_frame(truth: Truth) -> Way:
     names = [f'"{k}"' for k in range(1, len(fields[0]) + 1)]
     lines = ['"","time_s","temperature_degC","resistance_ohm"', *lines_of([names, *fields], ",")]
     return Way("R's write.csv: row names, quotes, NA, Inf", "frame.csv", encoded(lines), expected)
-
-
-def savetxt(truth: Truth) -> Way:
-    columns = [("time_s", "as ours", ".18e"), ("temperature_degC", "K", ".18e"), ("resistance_ohm", "as ours", ".18e")]
-    fields, expected = columns_of(truth, columns)
-    return Way("numpy.savetxt", "run7.txt", encoded(["# t_s T_K R_ohm", *lines_of(fields, " ")]), expected)
-
-
-def writematrix(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (TIME, CELSIUS, OHM))
-    units = {"time_s": "s", "temperature_degC": "degC", "resistance_ohm": "ohm"}
-    return Way("MATLAB writematrix: no header", "data.csv", encoded(lines_of(fields, ",")), expected, units)
-
-
-def fortran(truth: Truth) -> Way:
-    columns = [("time_s", "as ours", ".6E"), ("temperature_degC", "K", ".6E"), ("resistance_ohm", "as ours", ".6E")]
-    fields, expected = columns_of(truth, columns)
-    lines = ["! film 12, second cool-down", "! time [s]   T [K]   R [Ohm]"]
-    rows = ["   " + "   ".join(t.replace("E", "D") for t in row) for row in zip(*fields, strict=True)]
-    return Way("Fortran, D exponents, names in a comment", "film12.out", encoded([*lines, *rows]), expected)
-
-
-def labview_lvm(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (("time_s", "as ours", ".6f"), CELSIUS, OHM, AMPERE))
-    count = str(len(fields[0]))
-    head = [
-        "LabVIEW Measurement\t", "Writer_Version\t2", "Reader_Version\t2", "Separator\tTab", "Decimal_Separator\t.",
-        "Multi_Headings\tNo", "X_Columns\tOne", "Time_Pref\tRelative", "Operator\tlab", "Date\t2026/11/21",
-        "Time\t14:03:02.5123456789", "***End_of_Header***\t", "\t", "Channels\t3\t\t\t",
-        f"Samples\t{count}\t{count}\t{count}\t", "Date\t2026/11/21\t2026/11/21\t2026/11/21\t",
-        "Time\t14:03:02.5\t14:03:02.5\t14:03:02.5\t", "Y_Unit_Label\tdegC\tOhm\tA\t",
-        "X_Dimension\tTime\tTime\tTime\t", "X0\t0.0000000000000000E+0\t0.0000000000000000E+0\t0.0000000000000000E+0\t",
-        "Delta_X\t0.500000\t0.500000\t0.500000\t", "***End_of_Header***\t\t\t\t",
-        "X_Value\tTemperature\tResistance\tCurrent\tComment",
-    ]  # fmt: skip
-    rows = [line + "\t" for line in lines_of(fields, "\t")]
-    return Way("LabVIEW .lvm", "test_001.lvm", encoded([*head, *rows], end="\r\n"), expected)
-
-
-def labview_spreadsheet(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (TIME, CELSIUS, ("resistance_ohm", "as ours", ".3f")))
-    lines = lines_of([comma(texts) for texts in fields], "\t")
-    units = {"time_s": "s", "temperature_degC": "degC", "resistance_ohm": "ohm"}
-    name = "LabVIEW Write To Spreadsheet: no header, decimal comma"
-    return Way(name, "Messung.xls.txt", encoded(lines, end="\r\n"), expected, units)
-
-
-def excel_german(truth: Truth) -> Way:
-    columns = [TIME, ("temperature_degC", "as ours", ".2f"), ("resistance_ohm", "kohm", ".4f"), AMPERE]
-    fields, expected = columns_of(truth, columns)
-    head = "Zeit [s];Temperatur [°C];Widerstand [kOhm];Strom [A]"
-    lines = [head, *lines_of([comma(texts) for texts in fields], ";")]
-    return Way("Excel, German, cp1252", "Messung 3.csv", encoded(lines, "cp1252", "\r\n"), expected)
-
-
-def excel_french(truth: Truth) -> Way:
-    columns = [TIME, ("temperature_degC", "as ours", ".2f"), ("resistance_ohm", "as ours", ".1f")]
-    fields, expected = columns_of(truth, [*columns, ("current_A", "mA", ".1f")])
-    head = "Temps (s);Température (°C);Résistance (Ω);Courant (mA)"
-    lines = [head, *lines_of([comma(texts) for texts in fields], ";")]
-    return Way("Excel, French, UTF-8 with BOM", "relevé.csv", encoded(lines, "utf-8-sig", "\r\n"), expected)
-
-
-def excel_thousands(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (TIME, CELSIUS, ("resistance_ohm", "as ours", ".2f")))
-    fields[2] = [f'"{float(text):,.2f}"' if float(text) >= 1e3 else text for text in fields[2]]
-    lines = ["Time (s),Temperature (C),Resistance (ohms)", *lines_of(fields, ",")]
-    return Way("Excel, US, thousands separators in quotes", "Book1.csv", encoded(lines, end="\r\n"), expected)
-
-
-def excel_unicode_text(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (("time_s", "min", ".5f"), KELVIN, ("resistance_ohm", "kohm", ".5f")))
-    lines = ["Time [min]\tT [K]\tR [kΩ]", *lines_of(fields, "\t")]
-    return Way("Excel's Unicode text: UTF-16, tabs", "Book1.txt", encoded(lines, "utf-16", "\r\n"), expected)
-
-
-def igor_itx(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (TIME, KELVIN, OHM))
-    rows = ["\t" + line for line in lines_of(fields, "\t")]
-    tail = ["END", 'X SetScale/P x 0,1,"", t_s; SetScale y 0,0,"", t_s', 'X SetScale/P x 0,1,"", T_K']
-    lines = ["IGOR", "WAVES/D\tt_s\tT_K\tR_ohm", "BEGIN", *rows, *tail]
-    return Way("Igor Text", "waves.itx", encoded(lines, end="\r"), expected)
-
-
-def origin(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (TIME, KELVIN, ("resistance_ohm", "as ours", ".5g")))
-    lines = ["Time\tTemperature\tResistance", "sec\tK\tOhm", "\tCernox\t4-wire", *lines_of(fields, "\t")]
-    return Way("Origin: long names, units, comments", "Graph2.dat", encoded(lines, end="\r\n"), expected)
-
-
-def qcodes(truth: Truth) -> Way:
-    columns = [("time_s", "as ours", ".12g"), ("temperature_degC", "K", ".12g"), ("resistance_ohm", "as ours", ".12g")]
-    fields, expected = columns_of(truth, columns)
-    head = ["# time\ttemperature\tresistance", '# "Time (s)"\t"Temperature (K)"\t"Resistance (Ohm)"']
-    return Way("QCoDeS .dat", "data.dat", encoded([*head, f"# {len(fields[0])}", *lines_of(fields, "\t")]), expected)
 
 
 def quantum_design(truth: Truth) -> Way:
@@ -286,39 +331,6 @@ def quantum_design(truth: Truth) -> Way:
     pairs = zip(time, *fields, strict=True)
     rows = [f",{stamp},4177,{kelvin},0.1,0,{ohm},1.0,," for stamp, kelvin, ohm in pairs]
     return Way("Quantum Design PPMS", "film12.dat", encoded([*head, *rows], end="\r\n"), expected)
-
-
-def chart_recorder(truth: Truth) -> Way:
-    truth = truth_of(int(truth.resistance_ohm[0]), step_s=2.0)
-    fields, expected = columns_of(truth, (KELVIN, ("resistance_ohm", "kohm", ".4f")))
-    expected["time_s"] = times(truth)
-    clock = [f"{s.month}/{s.day}/{s.year} {s:%I:%M:%S %p}" for s in stamps(truth, datetime(2026, 11, 21, 11, 57, 0))]
-    lines = ["Date/Time,Input A (K),Sensor B (kOhm)", *lines_of([clock, *fields], ",")]
-    return Way("a chart recorder's US dates over noon", "chart.csv", encoded(lines, end="\r\n"), expected)
-
-
-def bluesky(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (CELSIUS, OHM))
-    expected["time_s"] = times(truth)
-    epoch = [f"{1795269782.25 + float(t):.6f}" for t in truth.time_s]
-    number = [str(k) for k in range(1, len(epoch) + 1)]
-    lines = ["seq_num,time,thermo_temperature,dmm_resistance", *lines_of([number, epoch, *fields], ",")]
-    units = {"time_s": "s", "temperature_degC": "degC", "resistance_ohm": "ohm"}
-    return Way("a Bluesky table: seconds since 1970, no units", "scan_42.csv", encoded(lines), expected, units)
-
-
-def benchlink(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (CELSIUS, OHM))
-    expected["time_s"] = times(truth)
-    clock = [f"{s:%m/%d/%Y %H:%M:%S}:{s.microsecond // 1000:03d}" for s in stamps(truth)]
-    scan = [str(k) for k in range(1, len(clock) + 1)]
-    head = [
-        "Data for:,film 12", "Owner:,lab", "Comments:,", "Acquisition Date:,11/21/2026 2:03:02 PM", "",
-        "Instrument:,34970A,Address:,GPIB0::9::INSTR,,", "Total Channels:,2", "",
-        "Scan,Time,101 (C),102 (OHM)",
-    ]  # fmt: skip
-    lines = [*head, *lines_of([scan, clock, *fields], ",")]
-    return Way("a scanner's UTF-16, a colon before the ms", "Data 1.csv", encoded(lines, "utf-16", "\r\n"), expected)
 
 
 def bench_meter(truth: Truth) -> Way:
@@ -354,17 +366,6 @@ def midi_logger(truth: Truth) -> Way:
     return Way("a logger: milliseconds in a column, '+   25.3'", "261121.CSV", encoded(lines, end="\r\n"), expected)
 
 
-def tec_service(truth: Truth) -> Way:
-    columns = [CELSIUS, ("sink_degC", "as ours", ".2f"), ("current_A", "as ours", ".3f")]
-    fields, expected = columns_of(truth, columns)
-    expected["time_s"] = times(truth)
-    clock = [f"{s:%d.%m.%Y %H:%M:%S},{s.microsecond // 1000:03d}" for s in stamps(truth)]
-    fields = [comma(texts) for texts in fields]
-    head = "Time;Object Temperature [°C];Sink Temperature [°C];Actual Output Current [A];Device Status"
-    lines = [head, *lines_of([clock, *fields, ["Run"] * len(clock)], ";")]
-    return Way("a TEC controller's log, German", "LOG_1.csv", encoded(lines, "utf-8-sig", "\r\n"), expected)
-
-
 def hand_meter(truth: Truth) -> Way:
     fields, expected = columns_of(truth, (TIME, ("temperature_degC", "as ours", ".1f")))
     texts, low, slack = [], truth.resistance_ohm.copy(), 0.0 * truth.resistance_ohm
@@ -380,62 +381,6 @@ def hand_meter(truth: Truth) -> Way:
     return Way("a handheld meter: a unit in every field, OL", "log.txt", encoded(lines), expected, units)
 
 
-def physics_slashes(truth: Truth) -> Way:
-    columns = [("time_s", "min", ".4f"), CELSIUS, ("resistance_ohm", "kohm", ".4f"), ("current_A", "mA", ".1f")]
-    fields, expected = columns_of(truth, columns)
-    lines = ["t / min\tϑ / °C\tR / kΩ\tI / mA", *lines_of(fields, "\t")]
-    return Way("quantities over units: t / min", "Versuch.txt", encoded(lines), expected)
-
-
-def fahrenheit(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (("temperature_degC", "degF", ".2f"), OHM))
-    expected["time_s"] = times(truth)
-    clock = [f"{int(t // 3600)}:{int(t % 3600 // 60):02d}:{t % 60:04.1f}" for t in truth.time_s]
-    lines = ["Elapsed,Temp (°F),Res (ohm)", *lines_of([clock, *fields], ",")]
-    return Way("degrees Fahrenheit, elapsed h:mm:ss", "omega.csv", encoded(lines), expected)
-
-
-def clock_over_midnight(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (CELSIUS, OHM))
-    expected["time_s"] = times(truth)
-    clock = [f"{s:%H:%M:%S}.{s.microsecond // 100000}" for s in stamps(truth, datetime(2026, 11, 21, 23, 59, 12))]
-    lines = ["Time,T_C,R_ohm", *lines_of([clock, *fields], ",")]
-    return Way("a clock, over midnight", "night.csv", encoded(lines), expected)
-
-
-def german_dates(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (("temperature_degC", "as ours", ".2f"), ("resistance_ohm", "as ours", ".2f")))
-    expected["time_s"] = times(truth)
-    clock = [f"{s:%d.%m.%Y %H:%M:%S},{s.microsecond // 100000}" for s in stamps(truth)]
-    swap = str.maketrans(",.", ".,")
-    fields = [[f"{float(text):,.2f}".translate(swap) for text in texts] for texts in fields]
-    lines = ["Datum/Uhrzeit;Temperatur (°C);Widerstand (Ohm)", *lines_of([clock, *fields], ";")]
-    return Way("German dates, 123.456,78", "Export.csv", encoded(lines, "cp1252", "\r\n"), expected)
-
-
-def date_and_time(truth: Truth) -> Way:
-    truth = truth_of(int(truth.resistance_ohm[0]), step_s=2.0)
-    fields, expected = columns_of(truth, (("temperature_degC", "as ours", ".2f"), ("resistance_ohm", "as ours", ".1f")))
-    expected["time_s"] = times(truth)
-    when = stamps(truth, datetime(2026, 4, 3, 23, 57, 30))
-    date, clock = [f"{s:%d/%m/%Y}" for s in when], [f"{s:%H:%M:%S}" for s in when]
-    lines = ["Date,Time,Temp(C),Resistance(ohm)", *lines_of([date, clock, *fields], ",")]
-    units = {"time_s": "dmy"}
-    return Way("date and time apart, 03/04/2026 into 04/04", "log.csv", encoded(lines), expected, units)
-
-
-def conductance(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (TIME, KELVIN, ("resistance_ohm", "uS", ".6g")))
-    lines = ["Time (s),Temperature (K),Conductance (µS)", *lines_of(fields, ",")]
-    return Way("conductance in microsiemens", "G.csv", encoded(lines), expected, {"resistance_ohm": "uS"})
-
-
-def misnamed_conductance(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (("time_s", "ms", ".0f"), KELVIN, ("resistance_ohm", "as ours", ".2f")))
-    lines = ["Time (ms),Temperature (K),Conductance (Ohm)", *lines_of(fields, ",")]
-    return Way("resistance that is called conductance", "R.csv", encoded(lines), expected, {"resistance_ohm": "ohm"})
-
-
 def pid_log(truth: Truth) -> Way:
     share = Truth(truth.time_s, truth.temperature_degC, truth.resistance_ohm, truth.current_A / 4.0, truth.sink_degC)
     fields, expected = columns_of(share, (TIME, CELSIUS, ("current_A", "percent", ".2f")))
@@ -443,28 +388,6 @@ def pid_log(truth: Truth) -> Way:
     lines = ["Time (s),PV (degC),SP (degC),Output (%)", *lines_of([*fields[:2], setpoint, fields[2]], ",")]
     units = {"current_A": "percent"}
     return Way("a PID controller's log, output in percent", "pid.csv", encoded(lines), expected, units, drive=True)
-
-
-def kelvin_called_celsius(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (TIME, KELVIN, OHM))
-    lines = ["time_s,temperature_degC,resistance_ohm", *lines_of(fields, ",")]
-    return Way("kelvin under the name of degC", "film.csv", encoded(lines), expected, {"temperature_degC": "K"})
-
-
-def names_only(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (TIME, CELSIUS, ("resistance_ohm", "kohm", ".4f")))
-    lines = ["time,temp,R", *lines_of(fields, ",")]
-    units = {"time_s": "s", "temperature_degC": "degC", "resistance_ohm": "kohm"}
-    return Way("bare names, R in kilohms", "x.csv", encoded(lines), expected, units)
-
-
-def japanese(truth: Truth) -> Way:
-    fields, expected = columns_of(
-        truth, (TIME, ("temperature_degC", "as ours", ".2f"), ("resistance_ohm", "kohm", ".4f"))
-    )
-    lines = ["時間(s),温度(℃),抵抗(kΩ)", *lines_of(fields, ",")]
-    units = {"time_s": "s", "temperature_degC": "degC", "resistance_ohm": "kohm"}
-    return Way("a Japanese logger, cp932", "data.csv", encoded(lines, "cp932", "\r\n"), expected, units)
 
 
 def restarted(truth: Truth) -> Way:
@@ -520,31 +443,9 @@ def matlab(truth: Truth) -> Way:
     return Way("MATLAB .mat, a struct", "film12.mat", file.getvalue(), expected)
 
 
-def log_resistance(truth: Truth) -> Way:
-    columns = [TIME, ("temperature_degC", "as ours", ".2f"), ("resistance_ohm", "log10ohm", ".5f")]
-    fields, expected = columns_of(truth, columns)
-    lines = ["t (s)  T (°C)  log10(R/Ohm)", *lines_of(fields, "  ")]
-    return Way(
-        "log10 of the resistance, two spaces", "loop.txt", encoded(lines), expected, {"resistance_ohm": "log10ohm"}
-    )
-
-
-def iso_zone(truth: Truth) -> Way:
-    columns = [("temperature_degC", "as ours", ".3f"), ("resistance_ohm", "Mohm", ".8f"), ("current_A", "mA", ".2f")]
-    fields, expected = columns_of(truth, columns)
-    expected["time_s"] = times(truth)
-    zone = timezone(timedelta(hours=1))
-    clock = [s.replace(tzinfo=zone).isoformat(timespec="milliseconds") for s in stamps(truth)]
-    lines = ["# plate 3, film 12", "#", "time,T [degC],R [MOhm],I [mA]", *lines_of([clock, *fields], ",")]
-    return Way("ISO times with a zone, comments", "telegraf.csv", encoded(lines), expected)
-
-
 WAYS: tuple[Callable[[Truth], Way], ...] = (
-    own_names, pandas_index, r_frame, savetxt, writematrix, fortran, labview_lvm, labview_spreadsheet, excel_german,
-    excel_french, excel_thousands, excel_unicode_text, igor_itx, origin, qcodes, quantum_design,
-    chart_recorder, bluesky, benchlink, bench_meter, midi_logger, tec_service, hand_meter, physics_slashes, fahrenheit,
-    clock_over_midnight, german_dates, date_and_time, conductance, misnamed_conductance, pid_log,
-    kelvin_called_celsius, names_only, japanese, restarted, workbook, workbook_dates, matlab, log_resistance, iso_zone,
+    *TABLES, r_frame, quantum_design, bench_meter, midi_logger, hand_meter, pid_log, restarted, workbook,
+    workbook_dates, matlab,
 )  # fmt: skip
 
 
