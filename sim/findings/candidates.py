@@ -104,23 +104,26 @@ class Directions:
         self.joint, self.metric, self.at = fit.joint, metric, at
         self._jacobian = fit.joint.jacobian(at, metric)
 
+    def falls(self, points: Sequence[Array]) -> Array:
+        """By how much the log-likelihood is smaller at other values of what no descent moves, all else following,
+        (points,)."""
+        square, along = self.left([self.joint.change(self.at, self.metric, x, True) for x in points])
+        return np.asarray(0.5 * square - along)
+
     def along(self, starts: Sequence[Start], since: Array | float = 0.0) -> tuple[Array, Array]:
-        """(squares of the whitened changes, their products with the residual), (starts,): nan where none can be
-        computed, 0 where nothing of it is left: parameters or film can do the same. since: another `change`, from which
-        these changes are counted."""
-        found = np.zeros((2, len(starts)))
-        columns, made = [], []
-        for k, start in enumerate(starts):
-            column = self.change(start) - since
-            if not np.all(np.isfinite(column)):
-                found[:, k] = np.nan
-            elif np.any(column != 0.0):
-                columns.append(column)
-                made.append(k)
+        """`left` of what effects change. since: another `change`, from which these are counted."""
+        return self.left([self.change(start) - since for start in starts])
+
+    def left(self, changes: Sequence[Array]) -> tuple[Array, Array]:
+        """(squares of whitened changes, their products with the residual), (changes,), once all else has followed: nan
+        where a change is not known, 0 where nothing of it is left: parameters or film can do the same."""
+        found = np.zeros((2, len(changes)))
+        found[:, [not np.all(np.isfinite(column)) for column in changes]] = np.nan
+        made = [k for k, column in enumerate(changes) if np.all(np.isfinite(column)) and np.any(column != 0.0)]
         if not made:
             return found[0], found[1]
         joint, n = self.joint, len(self.joint.unknowns)
-        inner = joint.projected(self.at, np.column_stack([self._jacobian, *columns]))
+        inner = joint.projected(self.at, np.column_stack([self._jacobian, *(changes[k] for k in made)]))
         normal = inner[:n, :n] + np.diag(joint.prior_deviation**-2.0)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         normal = normal * np.outer(scale, scale)

@@ -10,9 +10,10 @@ from typing import Final
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.effects.effect import Effect
+from sim.effects.effect import Effect, jumps
 from sim.findings.candidates import Start, is_sizeable, possible, scores, starts
 from sim.findings.films import PIFilm
+from sim.findings.intervals import Jumps
 from sim.findings.starts import (
     evidence_of_film,
     in_domains,
@@ -30,6 +31,8 @@ TRIED: Final = 5  # candidates that are fitted in full at each stage: true ones 
 SAME: Final = 0.6  # of the best promise of an effect: linear ones promise the same from any size
 FINISHED: Final = 3  # of these that are fitted to the end
 FIRST_STEPS: Final = 6  # of a first fit
+TURNS: Final = 4  # of searching a jumping parameter and following with all others
+SAME_LIKELIHOOD: Final = 0.5  # less than any interval is made of
 STARTS_EACH: Final = 2  # of one candidate: an effect's cost may have several minima
 FAR_BEHIND: Final = 0.1  # share of the best score, below which a candidate waits for the next stage
 PROMISING: Final = 0.2  # share of its price that a score must promise: far from its size it is 3 to 5 times short
@@ -136,7 +139,8 @@ class Search:
         """A first fit with a start's effect: one round."""
         joint = fit.joint.having((*fit.effects, start.effect))
         x = joint.with_effect(joint.from_other(fit.joint, fit.at.x), start.effect, start.values)
-        return joint.fit(x, metric, fit.at.known_own, rounds=1, most=fit.most, steps=FIRST_STEPS, settled=1.0)
+        first = joint.fit(x, metric, fit.at.known_own, rounds=1, most=fit.most, steps=FIRST_STEPS, settled=1.0)
+        return self.at_best_jump(first)
 
     def finished(self, first: Fit) -> Fit | None:
         """The fit of a set to its end; None where the last effect's size has no physical meaning."""
@@ -149,8 +153,21 @@ class Search:
             tight = found.metric.tight()
             again = first.joint.fit(found.at.x, tight, found.at.known_own, most=first.most)
             found = max(found, again, key=lambda f: f.log_likelihood)
+        found = self.at_best_jump(found)
         values = found.values()[found.effects[-1].name]
         return self.keep(found) if is_sizeable(found.effects[-1], list(values.values())) else None
+
+    @staticmethod
+    def at_best_jump(fit: Fit) -> Fit:
+        """The fit with parameters at whose values the outcome jumps searched for: no descent finds them."""
+        for effect in [e for e in fit.effects if jumps(e)]:
+            for _ in range(TURNS):
+                x = Jumps(fit, effect).likeliest()
+                again = fit.joint.fit(x, fit.metric, fit.at.known_own, rounds=1, most=fit.most)
+                if again.log_likelihood < fit.log_likelihood + SAME_LIKELIHOOD:
+                    break
+                fit = again
+        return fit
 
     def assuming(self, fit: Fit, effects: Sequence[Effect]) -> Fit:
         """The fit with effects that are there, each from the likeliest of its starting sizes."""
@@ -204,7 +221,7 @@ class Search:
             better = None
             if found is not None and self.gain(found, fit) > self.cost_of(found, found.effects[-1:]):
                 better = self.keep(remembered(found))
-                better = self.likelier_module(better) if found.effects[-1].link == "plate" else better
+                better = self.likelier_module(better) if found.effects[-1].before_film else better
                 better = self.pruned(better)
             if better is None and isinstance(fit.joint.film, PIFilm) and "output" in left_over(fit):
                 if not anew:
@@ -263,7 +280,9 @@ class Search:
             other = self.add(less, lambda effect, name=name: effect.name != name)  # type: ignore[misc]
             fit = self.exchange(fit, other)
         if fit.joint.slopes and not self.over():
-            fit = self.exchange(fit, self.add(self.of_other_module(fit), lambda effect: effect.link == "plate"))
+            plain = self.of_other_module(fit)
+            fit = self.keep(max(fit, plain, key=self.value))
+            fit = self.exchange(fit, self.add(plain, lambda effect: effect.link == "plate"))
         return fit
 
     def exchange(self, fit: Fit, other: Fit | None) -> Fit:

@@ -36,7 +36,7 @@ from compensator.thermal.plate import (
     SEEBECK_SLOPE_PRIOR_PER_K,
     Kind,
 )
-from sim.effects.effect import Effect, Filter, HeatFlow, Switched, switched, with_pinned
+from sim.effects.effect import Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
 from sim.inference.domains import Domains, Relays, domain_columns
 from sim.inference.levenberg_marquardt import Damping, Linearized, descend, held_at_bounds
 from sim.inference.nnls import solve_triangle
@@ -314,7 +314,9 @@ class Joint:
         priors = [unknown.prior or (0.0, math.inf) for unknown in self.unknowns]
         self.prior_mean, self.prior_deviation = (np.array(column) for column in np.reshape(priors, (-1, 2)).T)
         own = [name.startswith(OWN) or ".first_K." in name for name in self.names]
-        self.moves = np.array(own) if coefficients is not None else np.ones(len(self.names), dtype=np.bool_)
+        jumping = {f"{e.name}.{p.name}" for e in self.effects if jumps(e) for p in e.parameters}
+        descends = np.array([name not in jumping for name in self.names], dtype=np.bool_)
+        self.moves = np.array(own) if coefficients is not None else descends
         self._nodes: tuple[tuple[float, ...], Nodes] | None = None
         first = self.place[film.unknowns[0].name] if film and film.unknowns else len(self.unknowns)
         self._first_of_film = first
