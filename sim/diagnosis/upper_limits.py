@@ -31,6 +31,7 @@ from sim.findings.search import Search
 from sim.inference.joint import BESIDE, Fit
 
 ONE_SIDED_95: Final = 1.645  # standard deviations on one side hold 95 % of a normal distribution
+SMALLER: Final = 1000.0  # times smaller than the smallest size met: a hundred thousand rows show no less
 ROUNDS: Final = 12  # from any start to a strength that is its own limit
 SAME: Final = 0.05  # relative change of the strength from which another round is not needed: far below its own meaning
 SAME_AS_NOTHING: Final = 2.0  # times the smallest strength: nothing smaller is looked at
@@ -49,9 +50,9 @@ def _limit(effect: Effect, directions: Directions) -> UpperLimit:
     place = next(k for k, p in enumerate(effect.parameters) if not p.choices)
     size, from_below = effect.parameters[place], effect.inverse and place == 0
     limit: float | None = 0.0
-    low, high = size.smallest / BESIDE, size.largest * BESIDE
+    low, high = size.smallest / SMALLER, size.largest * BESIDE
     if from_below:
-        low, high = 1.0 / (size.largest * BESIDE), BESIDE / size.smallest
+        low, high = 1.0 / (size.largest * SMALLER), BESIDE / size.smallest
     for made, others in _others(effect, place):
         for sign in (1.0, -1.0) if size.signed else (1.0,):
 

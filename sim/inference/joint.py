@@ -407,7 +407,7 @@ class Joint:
         for p, value in zip(effect.parameters, values, strict=True):
             if (name := f"{effect.name}.{p.name}") in self.place:
                 x[self.place[name]] = coordinate(value, p.signed)
-        return np.clip(x, self.low, self.high)
+        return x
 
     def switched(self, x: Array) -> list[Switched]:
         """The effects with their values."""
