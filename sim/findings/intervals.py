@@ -111,6 +111,12 @@ class Jumps:
                 return self.at_value(int(values[best])) if falls[best] < 0.0 else self._at.x
             low, high = values[max(best - 1, 0)], values[min(best + 1, values.size - 1)]
 
+    def middle(self) -> Array:
+        """The fit's parameters with the value in the middle of its interval: where commands lie far apart, any other is
+        as likely, and says less."""
+        low, high = self.interval()
+        return self.at_value(int(np.searchsorted(self.edges, 0.5 * (low + high))))
+
     def interval(self) -> Interval:
         """Out to where all further values are less likely by the chance of 95 %."""
         own = int(np.searchsorted(self.edges, math.exp(self._at.x[self._held])))

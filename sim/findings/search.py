@@ -13,7 +13,7 @@ from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, jumps
 from sim.findings.candidates import Start, is_sizeable, possible, scores, starts
 from sim.findings.films import PIFilm
-from sim.findings.intervals import Jumps
+from sim.findings.intervals import LESS_LIKELY, Jumps
 from sim.findings.starts import (
     evidence_of_film,
     in_domains,
@@ -167,6 +167,9 @@ class Search:
                 if again.log_likelihood < fit.log_likelihood + SAME_LIKELIHOOD:
                     break
                 fit = again
+            own, most = fit.at.known_own, fit.most
+            again = fit.joint.fit(Jumps(fit, effect).middle(), fit.metric, own, rounds=1, most=most)
+            fit = again if again.log_likelihood > fit.log_likelihood - LESS_LIKELY else fit
         return fit
 
     def assuming(self, fit: Fit, effects: Sequence[Effect]) -> Fit:
