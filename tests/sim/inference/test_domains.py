@@ -82,3 +82,16 @@ def test_size_of_domains_and_the_noise_beside_them_are_estimated() -> None:
     assert noise.step == pytest.approx(2.0 / 2000, rel=0.3)
     assert noise.white == pytest.approx(0.002, rel=0.2)
     assert noise.slow == 0.0
+
+
+def test_where_nothing_comes_again_its_size_is_next_to_nothing() -> None:
+    """Else a diagnosis ends in a traceback, or what an unknown fault does once is taken for a film's domains."""
+    degC = cycles()
+    columns, rest, lasts_s = domain_columns(drawn(np.random.default_rng(3), 5000), nodes_along(degC), PARTS)
+    white = 0.002 * np.random.default_rng(4).standard_normal(degC.size)
+    noise = Noise(0.01)
+    for _ in range(3):
+        repeated = Repeated(columns, rest, lasts_s)
+        noise, mean = estimate_repeated(white, Readings.at(np.arange(float(degC.size))), repeated, noise, 1e-4, 1.0)
+    assert noise.white == pytest.approx(0.002, rel=0.1)
+    assert np.std(mean) < 0.2 * noise.white
