@@ -41,6 +41,8 @@ RATIOS: Final = (0.05, 0.5, 5.0, 50.0)  # slow^2 / white^2 from which the likeli
 TIMES: Final = (3.0, 30.0, 300.0, 3000.0)  # tau over the median step, likewise
 LASTING: Final = 3.0  # times how long what columns leave out hangs together: what goes on in time lasts longer
 NEGLIGIBLE: Final = 1e-12  # of the largest eigenvalue: rounding
+FARTHEST: Final = 10  # strides: where the likelihood still rises, nothing comes again
+FLAT: Final = 1e-6  # of a log-likelihood: rounding
 STRIDE: Final = 1.0  # of ln(step / white^2) between trials: a parabola through three of them is within 0.1
 NOT_ALLOWED: Final = 1e300  # cost of a point outside a bound
 LOG_RATIO: Final = (-12.0, 20.0)  # bounds of ln(slow^2 / white^2): a thousandth, and ten thousand times, of the noise
@@ -330,16 +332,22 @@ def estimate_repeated(
         return float(2.0 * logs) + white.size * math.log(variance), variance, repeated.columns @ coefficients
 
     known = before.step > 0.0
-    first = math.log(before.step / before.white**2) if known else -math.log(float(np.median(repeated.columns.var(0))))
+    first = (
+        math.log(before.step / before.white**2)
+        if known
+        else -math.log(float(np.mean(repeated.columns.var(0))) + 1e-300)
+    )
     found = {0: at(math.exp(first))}
     place, stride = 0, STRIDE if known else 2.0 * STRIDE
-    while place - 1 not in found or place + 1 not in found:
+    while abs(place) < FARTHEST and (place - 1 not in found or place + 1 not in found):
         side = 1 if place + 1 not in found else -1
         found[place + side] = at(math.exp(first + stride * (place + side)))
         if found[place + side][0] < found[place][0]:
             place += side
-    low, middle, high = (found[place + side][0] for side in (-1, 0, 1))
-    ratio = math.exp(first + stride * (place + 0.5 * (low - high) / (low - 2.0 * middle + high)))
+    low, middle, high = (found[place + side][0] if place + side in found else math.inf for side in (-1, 0, 1))
+    bend = low - 2.0 * middle + high
+    vertex = 0.5 * (low - high) / bend if FLAT < bend < math.inf else 0.0
+    ratio = math.exp(first + stride * (place + vertex))
     _, variance, mean = at(ratio)
     white = max(math.sqrt(variance), least_white)
     readings = replace(readings, variance=readings.variance + ratio * repeated.rest)
