@@ -165,7 +165,14 @@ def assert_right(transition: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("first", "end", "value"), [(130, 170, None), (317, 397, None), (120, 126, -127.0), (250, 397, 96.4)]
+    ("first", "end", "value"),
+    [
+        (130, 170, None),
+        *(
+            pytest.param(*case, marks=pytest.mark.long)
+            for case in ((317, 397, None), (120, 126, -127.0), (250, 397, 96.4))
+        ),
+    ],
 )
 def test_the_transition_is_what_the_rest_shows(first: int, end: int, value: float | None) -> None:
     """Else a thermometer that lies makes a film without hysteresis of one that has 6 K."""
