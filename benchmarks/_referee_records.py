@@ -26,6 +26,9 @@ ZERO_DEGC = 273.15  # K
 BOLTZMANN_EV = 8.617e-5  # eV/K
 BEFORE_S, AFTER_S = 8.0, 8.0  # simulated beyond the record's ends: skewed clocks read there
 SLOPES_AT_DEGC = 25.0  # where the plate's numbers are given
+ARRHENIUS_AT_K, HOT_DEGC = 330.0, 100.0  # where a film's activated part is 0, and its resistance is drawn
+PID_TUNED_AT_K = 330.0  # amid the transitions that are drawn
+RELAYS = 3000  # of a Preisach film: a smooth loop at any noise that is drawn
 FAR_COLD, FAR_HOT = -270.0, 400.0  # degC, where any film is saturated
 RUNS_WITHIN = (-60.0, 160.0)  # degC: a plate that leaves this is no rig
 REPLAYS_WITHIN = (-200.0, 500.0)  # degC: currents replayed without an effect may go further
@@ -36,7 +39,7 @@ REPLAY_STEP_S = 10.0  # sensitivities need no finer step than the rows
 FAINT_RAW = 0.3  # noises: a hidden effect that changes the readings by less cannot be asked for
 FAINT_REFITTED = 1.5  # noises left of an outside cause when the base model is fitted again: less cannot be told
 STRENGTHENED, ATTEMPTS = 14, 30  # draws with faint causes made stronger; draws in all
-SIGNIFICANT = 0.98  # quantile of plate temperatures that must pass the transition
+PASSED = (0.02, 0.98)  # quantiles of the plate's temperatures: the transition must lie between them
 MEMORY_GROUPS = 6  # by centre and by width: relays with a common sensitivity
 
 EFFECTS = {  # the parameter that makes an effect visible: least and most visible value
@@ -197,10 +200,6 @@ class Course:
     def rows(self) -> int:
         return len(self.times)
 
-    @property
-    def total_s(self) -> float:
-        return float(self.times[-1])
-
 
 class Driven:
     """A plate with the effects that change its heat flows."""
@@ -256,20 +255,13 @@ class Driven:
         return plate_T + d / 6 * (k1 + 2 * k2 + 2 * k3 + k4), sink_T + d / 6 * (j1 + 2 * j2 + 2 * j3 + j4)
 
 
-@dataclass(frozen=True)
-class Thermal:
-    """Fine times, plate temperatures and thermometer readings without noise; the currents of the rows."""
-
-    times: Floats
-    plate: Floats
-    shown: Floats
-    currents: Floats
-
-
 def follow_plate(
     plate: Plate, course: Course, effects: Effects, foreign: Foreign | None, drive: Control | Floats, step_s: float
-) -> Thermal:
-    """Run plate and thermometer, driven by a controller or by the currents of the rows. ValueError if it runs away."""
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Run plate and thermometer, driven by a controller or by the currents of the rows. ValueError if it runs away.
+
+    Returns fine times, plate temperatures and thermometer readings without noise there, and the rows' currents.
+    """
     driven = Driven(plate, effects, foreign)
     lag_s = size_of(effects, "sensor_lag", "tau_s")
     late_s = size_of(effects, "actuator_delay", "delay_s") + course.current_after
@@ -312,7 +304,7 @@ def follow_plate(
     scale = np.array(readings)
     if foreign and driven.kind == "wavy_scale":
         scale = scale + driven.size * np.sin(scale / foreign.width)
-    return Thermal(np.array(fine), np.array(plates), scale, np.array(commands))
+    return np.array(fine), np.array(plates), scale, np.array(commands)
 
 
 def lagged(times: Floats, values: Floats, tau_s: float) -> Floats:
@@ -363,7 +355,7 @@ class Film:
         if self.form == "tanh":
             return c[0] * np.tanh(c[1] * (T - c[2])) + self.offset
         if self.form == "arrhenius":
-            return -c[0] / (BOLTZMANN_EV * np.log(10)) * (1 / (T + ZERO_DEGC) - 1 / 330.0) + self.offset
+            return -c[0] / (BOLTZMANN_EV * np.log(10)) * (1 / (T + ZERO_DEGC) - 1 / ARRHENIUS_AT_K) + self.offset
         x = T - 40
         return c[0] * x + (c[1] * x * x if self.form == "polynomial" else 0) + self.offset
 
@@ -374,14 +366,13 @@ class Film:
 
 def _with_relays(rng: Random, film: Film) -> Film:
     """Draw the relays of a Preisach film: one or two clouds, wider to one side."""
-    centre = film.centre
-    number, spread = 3000, rng.uniform(2, 6)
+    number, spread = RELAYS, rng.uniform(2, 6)
     half = film.width / 2 * np.exp(rng.normal(0, rng.uniform(0.25, 0.7), number)) / 1.1
     in_first = rng.random(number) < rng.uniform(0.6, 1)
     first = rng.normal(0, spread, number)
     second = rng.normal(rng.uniform(-8, 8), spread / 2, number)
-    middle = centre + np.where(in_first, first, second)
-    half = np.maximum(half * (1 + rng.uniform(-0.3, 0.3) * (middle - centre) / spread / 2), 0.1)
+    middle = film.centre + np.where(in_first, first, second)
+    half = np.maximum(half * (1 + rng.uniform(-0.3, 0.3) * (middle - film.centre) / spread / 2), 0.1)
     weights = np.exp(rng.normal(0, 0.3, number))
 
     def sixth(values: Floats) -> Any:
@@ -440,7 +431,7 @@ def draw_film(rng: Random, other: bool) -> Film:
         "arrhenius": (rng.uniform(0.03, 0.28),),  # eV
     }
     film = replace(film, form=form, constants=constants[form])
-    return replace(film, offset=top - film.memoryless(100.0) - (height if relays else height / 2))
+    return replace(film, offset=top - film.memoryless(HOT_DEGC) - (height if relays else height / 2))
 
 
 class Memory:
@@ -486,15 +477,6 @@ class Memory:
 def test_current_of_range(ohm: float) -> float:
     """Return the test current of an ohmmeter that chooses its range."""
     return next(current for limit, current in RANGES if not ohm >= limit)
-
-
-@dataclass(frozen=True)
-class FilmRun:
-    """-log10 of the film's resistance at the fine times, test currents of the rows, and the states if asked for."""
-
-    output: Floats
-    test_currents: Floats
-    states: Floats
 
 
 def _follow_quickly(film: Film, memory: Memory, base: Floats, keep: bool) -> tuple[Floats, list[Floats]]:
@@ -548,8 +530,11 @@ def follow_film(
     plate: Floats,
     test_currents: Floats | None,
     keep: bool = False,
-) -> FilmRun:
-    """Run the film along the plate's temperatures. test_currents: None where the ohmmeter's ranges choose them."""
+) -> tuple[Floats, Floats, Floats]:
+    """Run the film along the plate's temperatures. test_currents: None where the ohmmeter's ranges choose them.
+
+    Returns -log10 of its resistance at the fine times, the rows' test currents, and the operators' states if kept.
+    """
     rows = course.rows
     base = plate + size_of(effects, "film_drift", "drift_K_per_h") / 3600 * np.maximum(fine, 0)
     if "film_lag" in effects:
@@ -577,18 +562,14 @@ def follow_film(
             output[i] = memory.output(memory.states)
             if theta:
                 ohm = 10 ** -(output[i] + film.memoryless(reached[i]))
-            if keep and memory.relays:
-                states.append(
-                    np.asarray(np.bincount(film.groups, film.weights * memory.states, MEMORY_GROUPS**2), float)
-                )
-            elif keep:
-                states.append(memory.states)
+            if keep:
+                states.append(film.shares(memory.states) if memory.relays else memory.states)
     if "creep" in effects:
         output = output + effects["creep"]["share"] * (lagged(fine, output, effects["creep"]["tau_s"]) - output)
     if foreign and foreign.name == "fatigue":
         travel = np.cumsum(np.abs(np.diff(reached, prepend=reached[0])))
         output = output * (1 - foreign.size * travel / 100)
-    return FilmRun(output + film.memoryless(reached), used, np.array(states))
+    return output + film.memoryless(reached), used, np.array(states)
 
 
 # Ohmmeter
@@ -673,14 +654,13 @@ def read_out(
     test_currents: Floats | None,
 ) -> Readings:
     """Run plate, film and instruments through a record."""
-    thermal = follow_plate(rig.placed(course), course, effects, foreign, drive, course.step_s)
-    film = follow_film(rig.film, course, effects, foreign, thermal.times, thermal.plate, test_currents)
-    temperature = np.interp(course.times, thermal.times, thermal.shown) + course.noise_K
+    fine, plate, shown, currents = follow_plate(rig.placed(course), course, effects, foreign, drive, course.step_s)
+    output, used, _ = follow_film(rig.film, course, effects, foreign, fine, plate, test_currents)
+    temperature = np.interp(course.times, fine, shown) + course.noise_K
     if "thermometer_quantization" in effects:
         step = effects["thermometer_quantization"]["step_K"]
         temperature = np.round(temperature / step) * step
-    log_ohm = ohmmeter(course, effects, foreign, thermal.times, film.output, thermal.currents)
-    return Readings(temperature, log_ohm, thermal.currents, film.test_currents, thermal.plate)
+    return Readings(temperature, ohmmeter(course, effects, foreign, fine, output, currents), currents, used, plate)
 
 
 # Rig, record, controllers
@@ -834,7 +814,7 @@ def _pid(rng: Random, rig: Rig, setpoints: Floats, slowness_s: float) -> Control
     """Draw a PID controller as fast as the loop's delays allow; its current is limited, sometimes its rate, too."""
     most = round(rig.most_A, 2)
     crossover = min(0.4, 0.35 / slowness_s) * rng.uniform(0.5, 1)  # 1/s
-    kp = crossover / (rig.plate.pumping * 330)
+    kp = crossover / (rig.plate.pumping * PID_TUNED_AT_K)
     ki, kd = kp * crossover / 4, kp * rng.choice([0, 0, 0.3])
     jump = rng.choice([99.0, 99.0, 2.0, 0.8])  # A/s
     integral, current, before = 0.0, 0.0, 0.0
@@ -939,15 +919,15 @@ def base_sensitivities(rig: Rig, course: Course, currents: Floats, test_currents
 
     def temperatures(plate: Plate, warmer: float = 0.0) -> Floats:
         start = replace(course, start_degC=course.start_degC + warmer)
-        thermal = follow_plate(plate, start, {}, None, currents, REPLAY_STEP_S)
-        return np.interp(course.times, thermal.times, thermal.plate)
+        fine, temperature, _, _ = follow_plate(plate, start, {}, None, currents, REPLAY_STEP_S)
+        return np.interp(course.times, fine, temperature)
 
-    def run(film: Film, T: Floats) -> FilmRun:
-        return follow_film(film, course, {}, None, course.times, T, test_currents, keep=True)
+    def run(film: Film, T: Floats) -> tuple[Floats, Floats]:
+        output, _, states = follow_film(film, course, {}, None, course.times, T, test_currents, keep=True)
+        return -output, states
 
     T = temperatures(plate)
-    base = run(film, T)
-    x = -base.output
+    x, states = run(film, T)
     noise_x = rig.noise_at(x)
     plates = [replace(plate, **{k: getattr(plate, k) * 1.002}) for k in ("pumping", "resistance", "conductance")]
     plates.append(replace(plate, ambient_degC=plate.ambient_degC + 0.05))
@@ -957,9 +937,9 @@ def base_sensitivities(rig: Rig, course: Course, currents: Floats, test_currents
     if film.kind == "preisach":
         shifts = {"up": 0.2, "down": 0.2}  # K: enough for some of the relays to switch at another row
     trials += [(replace(film, **{k: getattr(film, k) + shift}), T) for k, shift in shifts.items()]
-    found = [np.concatenate([(T1 - T) / rig.noise_K, (-run(film1, T1).output - x) / noise_x]) for film1, T1 in trials]
+    found = [np.concatenate([(T1 - T) / rig.noise_K, (run(film1, T1)[0] - x) / noise_x]) for film1, T1 in trials]
     background = [((T - 60) / 30) ** k for k in range(5)]
-    found += [np.concatenate([0 * T, w / noise_x]) for w in [*base.states.T, *background]]
+    found += [np.concatenate([0 * T, w / noise_x]) for w in [*states.T, *background]]
     matrix = np.array(found).T
     return np.asarray(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-12))
 
@@ -981,15 +961,6 @@ def visibility(sensitivities: Floats, rig: Rig, having: Readings, lacking: Readi
 
 
 # A record and its truth
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A record, perhaps one to hold out, and what is hidden in them."""
-
-    columns: dict[str, Floats]
-    holdout: dict[str, Floats] | None
-    truth: dict[str, Any]
 
 
 def hidden(seed: int) -> tuple[str, list[str], str | None]:
@@ -1034,14 +1005,18 @@ def _decades(film: Film) -> list[int]:
 
 
 def _shows_a_transition(read: Readings, film: Film) -> bool:
+    """Return whether a record stays within bounds and passes the film's transition."""
     coldest, hottest = SHOWN_WITHIN
-    low, high = np.quantile(read.plate, [1 - SIGNIFICANT, SIGNIFICANT])
+    low, high = np.quantile(read.plate, PASSED)
     shown = coldest <= read.temperature.min() and read.temperature.max() <= hottest
     return bool(shown and np.ptp(read.log_ohm) >= LEAST_DECADES and low < film.centre - 1 < high - 2)
 
 
-def draw(seed: int) -> Drawn:
-    """Draw the record of a seed. A faint cause is made stronger, a record without a transition drawn again."""
+def draw(seed: int) -> tuple[dict[str, Floats], dict[str, Floats] | None, dict[str, Any]]:
+    """Draw a seed's record, perhaps one to hold out, and the truth.
+
+    A faint cause is made stronger; a record without a transition is drawn again.
+    """
     kind, names, foreign_name = hidden(seed)
     causes = [*names, foreign_name] if foreign_name else names
     position = dict(zip(causes, np.random.default_rng([79, seed]).random(3), strict=False))
@@ -1109,5 +1084,5 @@ def draw(seed: int) -> Drawn:
                 "film": {**shape, "form": film.form, "operators": len(film.weights)},
             },
         }
-        return Drawn(tables[0], tables[1] if len(tables) > 1 else None, truth)
+        return tables[0], tables[1] if len(tables) > 1 else None, truth
     raise RuntimeError(f"seed {seed}: no record in {ATTEMPTS} draws")

@@ -9,7 +9,7 @@ another kind, about half of these with an effect. About a third come with a seco
 
 Right: clean, the verdict "clean"; one, two and other_film, exactly the hidden names (one counts, too, where the hidden
 one is in its `indistinguishable_from`; one too faint to see may be missing); outside, no name. A diagnosis that fails
-is wrong. Seconds are of computing, on one thread.
+is wrong. Seconds are of computing, on one thread; `./peltier precompile` first, or the first record pays for it.
 
 Each finished record is a line of --results; begun again with the same file, the benchmark goes on. The lines are those
 of the program that wrote them: a changed program takes another file.
@@ -46,17 +46,17 @@ def judged(seed: int) -> Row:
     from rig.core.faults import Faults
     from rig.records.record import Record
 
-    drawn = draw(seed)
-    truth, name = drawn.truth, f"{seed:04d}"
+    columns, held_out, truth = draw(seed)
+    name = f"{seed:04d}"
     outside = truth["notes"]["outside"]
     row: Row = {"seed": seed, "kind": truth["kind"], "effects": truth["effects"], "invisible": truth["invisible"]}
     row["hidden"] = list(truth["effects"]) or ([outside["name"]] if outside else [])
     row["weak"] = [one for one in truth["effects"] if max(truth["visibility_refit"][one].values()) < FAINT_RAW]
     row |= {"verdict": "failed", "named": [], "right": False, "sizes": []}
-    holdout = [] if drawn.holdout is None else [Record(drawn.holdout, f"{name}_holdout")]
+    holdout = [] if held_out is None else [Record(held_out, f"{name}_holdout")]
     begin = time.process_time()
     try:
-        document = diagnosed([Record(drawn.columns, name)], None, holdout)[0].document()
+        document = diagnosed([Record(columns, name)], None, holdout)[0].document()
     except Faults as refused:
         row["failed"] = str(refused)
     except Exception as error:  # the other records are judged all the same
