@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 ROOT = Path(__file__).resolve().parent.parent
-Case, Found = TypeVar("Case"), TypeVar("Found")
+Case = TypeVar("Case")
+Found = TypeVar("Found")
 
 
 def options(doc: str | None, **defaults: Any) -> argparse.Namespace:
