@@ -32,6 +32,6 @@ def narrower() -> dict[str, str]:
 
 
 if __name__ == "__main__":  # in one process: each would compile all loops for that processor
-    arguments = sys.argv[1:] or ["-n", "0", "-m", "other_processor", str(ROOT / "tests" / "diagnosis")]
+    arguments = sys.argv[1:] or ["-n", "0", "-m", "other_processor", str(ROOT / "tests" / "sim" / "diagnosis")]
     launcher = [sys.executable, str(ROOT / "peltier"), "test", *arguments]
     os.execve(sys.executable, launcher, {**os.environ, **narrower()})
