@@ -41,6 +41,11 @@ class Linearized(Protocol):
         """Operator outputs at the path's readings, shape (readings, operators)."""
         ...
 
+    @property
+    def precision(self) -> Array | None:
+        """Of the parameters' normal priors, over that of the readings, (parameters, parameters); None: no prior."""
+        ...
+
     def jacobian(self, path: Path) -> Array:
         """d prediction / d parameters at the path's readings, shape (readings, parameters)."""
         ...
@@ -72,7 +77,7 @@ class Uncertainty:
 
 def uncertainty(fitted: Linearized, path: Path, residual: Array) -> Uncertainty:
     """From the rows of the fit and their residuals."""
-    covariance = block_sandwich(fitted.jacobian(path), residual)
+    covariance = block_sandwich(fitted.jacobian(path), residual, precision=fitted.precision)
     taken = {int(side) for side in np.unique(path.side)}
     unfixed = set()
     for sense, word in ((1, "rising"), (-1, "falling")):

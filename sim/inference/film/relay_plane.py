@@ -116,6 +116,12 @@ class PlaneFit:
         plays = self.plain.play_outputs(path)[:, self.pi_weights > 0.0]
         return np.concatenate((plays, relay_outputs(self.relays, path)), axis=1)
 
+    @property
+    def precision(self) -> Array:
+        """Return the precision of the prior of all parameters, over that of the readings: 0 but for the relays'."""
+        others = 1 + int(np.sum(self.coefficients != 0.0)) + int(np.sum(self.pi_weights > 0.0))
+        return np.diag(np.append(np.zeros(others), np.full(self.weights.size, self.width**-2.0)))
+
     def jacobian(self, path: Path) -> Array:
         """Return the derivatives by the offset, D's coefficients and the weights, shape (readings, parameters)."""
         v = path.inputs[path.rows]

@@ -259,6 +259,11 @@ class PlainFit:
         used = np.sum(self.solution.weights > 0.0) + np.sum(self.solution.coefficients != 0.0)
         return int(used) + 1 + self.solution.theta.size
 
+    @property
+    def precision(self) -> None:
+        """There are no priors."""
+        return None
+
     def _along(self, path: Path) -> Problem:
         own = self.problem
         return Problem(path, own.structure, own.form, own.low[: own.split], own.high[: own.split])

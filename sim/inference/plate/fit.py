@@ -473,10 +473,10 @@ def _result(at: _Point) -> PlateFit:
     problem, unknowns, kind = at.problem, at.unknowns, at.problem.kind
     count, whitening = len(problem.places), Whitening(at.noise, at.readings)
     residual = problem.residual(unknowns)
-    away, by = problem.priors(unknowns)
-    known = slice(away.size - len(SLOPES) * problem.slopes, away.size)  # of the slopes alone
-    jacobian = np.vstack((whitening.of(problem.jacobian(unknowns, residual)), by[known]))
-    covariance = block_sandwich(jacobian, np.append(whitening.of(residual), away[known]))
+    by = problem.priors(unknowns)[1]
+    known = by[by.shape[0] - len(SLOPES) * problem.slopes :]  # of the slopes alone
+    jacobian = whitening.of(problem.jacobian(unknowns, residual))
+    covariance = block_sandwich(jacobian, whitening.of(residual), precision=known.T @ known)
     par = np.zeros(NUMBERS)
     par[problem.places] = unknowns[:count]
     s, r, g, q, ambient, of_s, of_r = (float(value) for value in par)
