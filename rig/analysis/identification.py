@@ -260,7 +260,7 @@ def identified(records: Sequence[Record], options: FitOptions, say: Callable[[st
         compression = _compressed(film.model, with_film, options.compress) if options.compress is not None else None
         film_model = film.model if compression is None else compression.model
         numbers = (
-            doubted(numbers_of_record(record, output), modelled(film, k, record), record.output(output))
+            doubted(numbers_of_record(record, output, film, k), modelled(film, k, record), record.output(output))
             for k, record in enumerate(with_film)
         )
         found = replace(

@@ -37,6 +37,10 @@ class Linearized(Protocol):
         """How many numbers the readings determine, the outer ones included."""
         ...
 
+    def at(self, path: Path) -> Array:
+        """Prediction at the path's readings, shape (readings,)."""
+        ...
+
     def play_outputs(self, path: Path) -> Array:
         """Operator outputs at the path's readings, shape (readings, operators)."""
         ...

@@ -25,8 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.hysteresis.functions import Array
 from sim.inference.readings.output_sense import output_falls
 from sim.inference.readings.temperature_path import temperature_path
-from sim.inference.transition.local_fit import TINY
-from sim.inference.transition.major_branch import WHOLE, Run, Sense, onward_rows, runs_of
+from sim.inference.transition.branches import WHOLE, Run, Sense, onward_rows, runs_of
 
 FEWEST_CURVES: Final = 7  # of a diagram: fewer show no more than a few sections of it
 LEAST_CURVES: Final = 3  # of a window: a bend along T_r needs three
@@ -36,6 +35,7 @@ CURVE_ROWS: Final = 150  # of a curve: of more, means of neighbours
 APART: Final = 2.1  # median distances of the curves' T_r to either side: five curves in a window
 ALONG: Final = 0.05  # of the range, at least, along T
 PLACES: Final = 60  # of the grid, along each axis
+TINY: Final = 1e-12  # of a fit's own scale, added so that a window with few rows still has a solution
 BRANCH: Final = 0.12  # of the range: a run that begins this near to an end came from a major branch's beginning
 
 
@@ -68,7 +68,7 @@ def forc(time_s: ArrayLike, temperature_degC: ArrayLike, output: ArrayLike, *, i
     v, y = path.temperature_degC, np.asarray(output, dtype=np.float64)
     log = -y if in_decades else y
     families: dict[Sense, list[tuple[float, Array, Array]]] = {"cooling": [], "heating": []}
-    for before, run in _pairs(runs_of(path), v):
+    for before, run in _pairs(runs_of(v, path.noise_K), v):
         rows = onward_rows(v, run)
         rows = rows[np.isfinite(log[rows])]
         if rows.size >= LEAST_ROWS and abs(v[run.last] - v[run.first]) >= LEAST_SPAN * np.ptp(v):
