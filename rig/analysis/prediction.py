@@ -33,7 +33,7 @@ from sim.model.inputs import NAMES as INPUTS
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, RecordOwn, long_gaps
 from sim.model.record_run import RecordRun, straight_path
-from sim.world.films.rising import RisingFilm, film_of_world
+from sim.world.films import RisingFilm, film_of_world
 
 Initial = Literal["cooled", "heated", "fitted"]
 

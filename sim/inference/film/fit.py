@@ -26,9 +26,8 @@ from sim.inference.film.gap_memory import through_gaps
 from sim.inference.film.memoryless_forms import FORMS, Form
 from sim.inference.film.multistart import choose_starts, refine_starts, search, start_candidates
 from sim.inference.film.notes import film_notes
-from sim.inference.film.prediction_bands import uncertainty
 from sim.inference.film.relay_plane import PlaneFit
-from sim.inference.film.result import FilmFit, Prediction, memory_at_start
+from sim.inference.film.result import FilmFit, Prediction, memory_at_start, uncertainty
 from sim.inference.film.rows import FilmRecord, Path, Prepared, Start, build_path, prepare
 from sim.inference.film.selection import (
     Choice,
@@ -133,7 +132,7 @@ def identify_film_records(
     if increasing and monotone is None and share < RISES:
         forms += [Form(name, False, low, high) for name in names if name in FREE]
     structure = equal_structure(operators, 1, ordered)
-    with threadpool_limits(limits=1):  # see `triangle`
+    with threadpool_limits(limits=1):  # see `nnls`
         fit = _identified(share_out(prepared), structure, forms, kind, initial, output_name, seed)
     courses = zip(records, prepared, strict=True)
     return replace(

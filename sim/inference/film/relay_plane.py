@@ -22,8 +22,7 @@ from sim.inference.film.multistart import slope_density
 from sim.inference.film.preisach_density import PreisachDensity
 from sim.inference.film.rows import Path
 from sim.inference.film.variable_projection import PlainFit
-from sim.inference.nnls import solve_triangle
-from sim.inference.triangle import reduced
+from sim.inference.nnls import reduced, solve_triangle
 from sim.model.operator_outputs import operator_outputs
 
 THRESHOLDS: Final = (12, 18, 24, 36)  # of either sense: half finer each, up to what half a second can compute

@@ -18,8 +18,7 @@ from compensator.hysteresis.functions import Array
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.rows import Path
 from sim.inference.levenberg_marquardt import Damping, Linearized, descend
-from sim.inference.nnls import solve_triangle
-from sim.inference.triangle import triangle
+from sim.inference.nnls import solve_triangle, triangle
 from sim.model.operator_outputs import (
     GROUP,
     Integers,

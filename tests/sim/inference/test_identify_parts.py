@@ -13,8 +13,7 @@ from sim.inference.film.rows import FilmRecord, Path, Start, build_path, prepare
 from sim.inference.film.selection import make_problem
 from sim.inference.film.variable_projection import PlainFit, denser, equal_structure, merged
 from sim.inference.levenberg_marquardt import Damping, Linearized, damped_step, descend
-from sim.inference.nnls import solve_triangle
-from sim.inference.triangle import triangle
+from sim.inference.nnls import solve_triangle, triangle
 from sim.model.operator_outputs import (
     envelope_values,
     operator_outputs,
