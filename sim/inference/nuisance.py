@@ -21,11 +21,11 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import HeatFlow
 from sim.inference.levenberg_marquardt import Damping, least_squares
+from sim.inference.memory import beginnings, gaps_of, likeliest, through_gaps
 from sim.inference.noise import Readings
-from sim.model.gaps import beyond_ends, there_and_back
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath, PlateRun
-from sim.model.record_own import FilmStart, RecordOwn, anew_rows, longest_gaps
+from sim.model.record_own import FilmStart, RecordOwn, anew_rows
 from sim.model.recorded import Mask, Recorded, Rows, driven_rows
 
 FIRST_S, FIRST_ROWS = 30.0, 20  # of each stretch: what a prediction is told of a record's beginning
@@ -34,9 +34,7 @@ ROOM_SPREAD_K = 3.0  # of a room about what it was when the model was made: anot
 REST_K = 1.0  # spread of bodies about the room, and of filters about what they follow: a rig that has rested
 SHARE = 0.5  # of how far the plate is from the room, as far may they be, too: a record may begin while a rig runs
 LATE_SPREAD = 0.5  # K and decades: of how far a filter of the film or of the ohmmeter is behind
-SEVERAL = 10  # turning points before the first row that are tried, on either side
-MARGIN = 0.25  # of the range of temperatures: so far beyond them may a film have turned round
-WORTH = 3.0  # log-likelihood that another memory than the model's own has to bring
+WORTH = 3.0  # log-likelihood that each temperature of another memory than the model's own has to bring
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-3, 1e-4  # an instrument's last digit: nothing is known better
 STEP_K, STEP_LATE = 0.01, 1e-3  # of difference quotients: rounding is 1e-11
 STEPS = 4  # of a descent from the first readings, next to linear: the second brings little, the third nothing
@@ -172,11 +170,12 @@ def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: Pl
     def residual(of: RecordOwn) -> Array:
         return (output - chain.shown(record, path, of))[rows] / told.sigma_dec
 
-    def cost(of: RecordOwn) -> float:
-        return 0.5 * float(np.sum(residual(of) ** 2))
+    def cost(film: FilmStart) -> float:
+        return 0.5 * float(np.sum(residual(replace(own, film=film)) ** 2))
 
-    own = _remembered(own, path, float(record.time_s[0]), cost)
-    own = through_gaps(own, path, record, cost)
+    first_degC = float(path.at(record.time_s[:1])[0])
+    start = likeliest(beginnings(first_degC, path.plate_degC, own.film), own.film, cost, WORTH)
+    own = replace(own, film=through_gaps(start, gaps_of(record, path), path.plate_degC, cost, WORTH))
     names = [e.name for e in (*chain.links.film_lags, *chain.links.hysteretic_part, *chain.links.meter_lags)]
     if not names:
         return own
@@ -192,53 +191,6 @@ def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: Pl
         return np.stack([(left - m) / STEP_LATE for m in moved], axis=1)
 
     return own_of(_least(left_of, slopes, np.full(len(names), LATE_SPREAD)))
-
-
-def _remembered(own: RecordOwn, path: PlatePath, begin_s: float, cost: Callable[[RecordOwn], float]) -> RecordOwn:
-    """With the memory that suits best, the model's own if none is clearly better."""
-    best, least = own, cost(own) - WORTH
-    for start in beginnings(path, begin_s, own.film):
-        other = replace(own, film=start)
-        value = cost(other)
-        if value < least:
-            best, least = other, value
-    return best
-
-
-def through_gaps(own: RecordOwn, path: PlatePath, record: Recorded, cost: Callable[[RecordOwn], float]) -> RecordOwn:
-    """With what the film went through in each long gap, straight from one end to the other if nothing is clearly
-    better."""
-    first = record.first_rows[1:]
-    passed = np.array(own.film.passed_degC or np.full((first.size, 2), np.nan)).reshape(-1, 2)
-    for k in np.flatnonzero(np.isin(first, longest_gaps(record))):
-        ends = path.at(record.time_s[[first[k] - 1, first[k]]])
-        lower, higher = beyond_ends(ends, path.plate_degC, MARGIN)
-        singles = [(math.nan, degC) for degC in (*lower, *higher)]
-        best, least = own, cost(own)
-        for several, worth in ((singles, WORTH), (there_and_back(lower, higher), 2.0 * WORTH)):
-            for went in several:
-                passed[k] = went
-                two = tuple((float(a), float(b)) for a, b in passed)
-                other = replace(own, film=replace(own.film, passed_degC=two))
-                value = cost(other) + worth
-                if value < least:
-                    best, least = other, value
-        own = best
-        passed[k] = own.film.passed_degC[k] if own.film.passed_degC else math.nan
-    return own
-
-
-def beginnings(path: PlatePath, begin_s: float, start: FilmStart) -> list[FilmStart]:
-    """What a film may remember at the first row: saturated, or turned round once since; the gaps' as in `start`."""
-    low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
-    first, margin = float(path.at(np.array([begin_s]))[0]), MARGIN * (high - low)
-    there = replace(start, initial="heated", previous_degC=None)
-    found = [there, replace(there, initial="cooled")]
-    for t in np.linspace(low - margin, first, SEVERAL)[:-1]:
-        found.append(replace(there, initial="cooled", previous_degC=float(t)))
-    for t in np.linspace(first, high + margin, SEVERAL)[1:]:
-        found.append(replace(there, previous_degC=float(t)))
-    return found
 
 
 def _moved(u: Array, places: slice, by: float) -> Array:

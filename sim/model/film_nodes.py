@@ -112,10 +112,11 @@ def plate_at_film_nodes(
     gaps = record.first_rows[1:]
     begin, end = record.time_s[gaps - 1], record.time_s[gaps]
     turns = turns[_gap_of(turns, begin, end) < 0]  # what a simulation does there is made up
-    passed = np.asarray(start.passed_degC, dtype=np.float64).reshape(-1, 2)
-    known = np.isfinite(passed)
-    within = np.stack((begin + (end - begin) / 3.0, end - (end - begin) / 3.0), axis=1) if np.any(known) else passed
-    turns = np.concatenate((turns, within[known]))
+    after, passed_degC = start.turned_in_gaps(record.time_s)
+    last = np.append(after[1:] != after[:-1], True)[: after.size]  # of its gap
+    third = (record.time_s[after] - record.time_s[after - 1]) / 3.0
+    within = record.time_s[after - 1] + np.where(last, 2.0, 1.0) * third
+    turns = np.concatenate((turns, within))
     if spacing.film_parts == 1:
         turns = np.concatenate((turns, path.time_s))
     elif links.film_lags or links.meter_lags:
@@ -131,8 +132,7 @@ def plate_at_film_nodes(
         ends, gap = path.at(np.stack((begin, end))), gap[inside]
         way = (time[inside] - begin[gap]) / (end - begin)[gap]
         temperature[inside] = ends[0, gap] + way * (ends[1] - ends[0])[gap]
-    if np.any(known):
-        temperature[np.searchsorted(time, within[known])] = passed[known]
+    temperature[np.searchsorted(time, within)] = passed_degC
     return time, place, temperature
 
 

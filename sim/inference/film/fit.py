@@ -4,7 +4,7 @@
 
 The way: check the records and find the path behind the noisy temperature (`rows`, `temperature_smoother`); search
 globally on thinned rows for each form of D and the memory that each record began with (`multistart`), or had after a
-gap (`gap_memory`); choose the form, and whether operators with mixed envelopes are worth it (`mixed_envelopes`), by
+gap (`memory`); choose the form, and whether operators with mixed envelopes are worth it (`mixed_envelopes`), by
 rows that were held out (`model_selection`); refine the winner on all rows; say how sure it is (`prediction_bands`) and
 what the records cannot fix (`identifiability`).
 """
@@ -22,13 +22,12 @@ from threadpoolctl import threadpool_limits
 
 from compensator.hysteresis.film import Envelope, FilmModel, Initial
 from compensator.hysteresis.functions import Array
-from sim.inference.film.gap_memory import through_gaps
 from sim.inference.film.memoryless_forms import FORMS, Form
-from sim.inference.film.multistart import choose_starts, refine_starts, search, start_candidates
+from sim.inference.film.multistart import begun, begun_closer, remembered, search, through_unseen
 from sim.inference.film.notes import film_notes
 from sim.inference.film.relay_plane import PlaneFit
 from sim.inference.film.result import FilmFit, Prediction, memory_at_start, uncertainty
-from sim.inference.film.rows import FilmRecord, Path, Prepared, Start, build_path, prepare
+from sim.inference.film.rows import FilmRecord, Path, Prepared, build_path, prepare
 from sim.inference.film.selection import (
     Choice,
     Rows,
@@ -43,6 +42,7 @@ from sim.inference.film.variable_projection import PlainFit, Problem, Solution, 
 from sim.inference.readings.checked_columns import check_noise
 from sim.inference.readings.odd_readings import Column, of_output, of_records
 from sim.inference.readings.output_sense import CLEAR, output_falls, output_sense
+from sim.model.record_own import FilmStart
 
 RISES: Final = 0.98  # of the output's changes: where fewer go with the temperature, D may fall; noise is 0.01 at most
 FREE: Final = ("linear", "tanh", "polynomial")  # forms of D that may fall
@@ -50,7 +50,7 @@ AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simp
 STRAYS: Final = 3  # searches for stray readings: a large one hides a smaller one, and the form of D
 GAP_SEARCHES: Final = 3  # what a film went through in a gap is seen better with the envelopes that go with it
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
-__all__ = ["FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
+__all__ = ["FilmFit", "FilmRecord", "FilmStart", "Prediction", "identify_film", "identify_film_records"]
 
 
 def identify_film(
@@ -152,7 +152,7 @@ def _identified(
     seed: int,
 ) -> FilmFit:
     """Return the fit of rows that are checked, with one of some forms of D."""
-    starts = [Start(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
+    starts = [FilmStart(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
     found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed)
     if initial == "fitted":
         starts, found = _fit_memories(rows, starts, structure, forms, found, seed)
@@ -215,7 +215,7 @@ def _likely_end(record: Prepared) -> Initial:
 
 
 def _at_best(
-    rows: Rows, starts: Sequence[Start], structure: Structure, forms: Sequence[Form], found: dict[Form, Solution]
+    rows: Rows, starts: Sequence[FilmStart], structure: Structure, forms: Sequence[Form], found: dict[Form, Solution]
 ) -> tuple[Problem, Array]:
     """The problem with the form of D that fits best, and what the search found for it."""
     best = min(forms, key=lambda form: found[form].square)
@@ -224,23 +224,22 @@ def _at_best(
 
 def _fit_memories(
     rows: Rows,
-    starts: list[Start],
+    starts: list[FilmStart],
     structure: Structure,
     forms: Sequence[Form],
     found: dict[Form, Solution],
     seed: int,
-) -> tuple[list[Start], dict[Form, Solution]]:
+) -> tuple[list[FilmStart], dict[Form, Solution]]:
     """The memories with which the records began, and the search repeated with them where they are others."""
     problem, theta = _at_best(rows, starts, structure, forms, found)
-    options = [start_candidates(record) for record in rows.records]
-    chosen = choose_starts(rows.records, rows.thin, starts, options, problem, theta)
+    chosen = remembered(rows.records, rows.thin, starts, problem, theta, begun)
     if chosen == starts:
         return starts, found
     for _ in range(2):
         extra = [found[form].theta[: problem.split] for form in forms]
         found = search(build_path(rows.records, chosen, rows.thin), structure, forms, seed=seed, extra=extra)
         problem, theta = _at_best(rows, chosen, structure, forms, found)
-        refined = refine_starts(rows.records, rows.train, chosen, problem, theta)
+        refined = remembered(rows.records, rows.train, chosen, problem, theta, begun_closer)
         if refined == chosen:
             break
         chosen = refined
@@ -253,16 +252,16 @@ def _fit_memories(
 
 def _fit_gaps(
     rows: Rows,
-    starts: list[Start],
+    starts: list[FilmStart],
     structure: Structure,
     forms: Sequence[Form],
     found: dict[Form, Solution],
     seed: int,
-) -> tuple[list[Start], dict[Form, Solution]]:
+) -> tuple[list[FilmStart], dict[Form, Solution]]:
     """What the film went through where rows are missing, and the search repeated with it where that is something."""
     for _ in range(GAP_SEARCHES):
         problem, theta = _at_best(rows, starts, structure, forms, found)
-        other = through_gaps(rows.records, rows.thin, starts, problem, theta)
+        other = remembered(rows.records, rows.thin, starts, problem, theta, through_unseen)
         if other == starts:
             break
         starts = other
@@ -291,7 +290,7 @@ def plain_model(fit: PlainFit, kind: str, output_name: str, initial: Initial) ->
     )
 
 
-def _fit(rows: Rows, starts: Sequence[Start], path: Path, model: FilmModel, choice: Choice) -> FilmFit:
+def _fit(rows: Rows, starts: Sequence[FilmStart], path: Path, model: FilmModel, choice: Choice) -> FilmFit:
     fit = choice.fit
     residual = path.output - fit.at(path)
     firsts = [float(record.inputs[0]) for record in rows.records]

@@ -8,24 +8,26 @@ every form of D at once.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from compensator.hysteresis.functions import Array
+from sim.inference.evidence import price
 from sim.inference.film.memoryless_forms import SMOOTH, Form
-from sim.inference.film.rows import Path, Prepared, Start, build_path
+from sim.inference.film.rows import Path, Prepared, build_path
 from sim.inference.film.variable_projection import Problem, Solution, Structure
+from sim.inference.memory import SEVERAL, Cost, beginnings, closer, likeliest, through_gaps
 from sim.model.operator_outputs import GROUP
+from sim.model.record_own import FilmStart
 
 STARTS: Final = 256  # over four to six parameters: about three values of each
 CHANGE_STEPS: Final = 60  # of travel over a range of temperatures: noise is small beside what changes in one
 REFINED: Final = 8  # of the starts, the best: a descent costs as much as a dozen of them
 SHAPES: Final = 48  # of D, tried beside good envelopes
+GAIN: Final = 0.03  # of the mean square that another memory brings: what the model lacks is no noise
 
 
 def envelope_bounds(path: Path, groups: int) -> tuple[Array, Array]:
@@ -206,67 +208,48 @@ def _other_forms(problem: Problem, envelopes: Array) -> list[Solution]:
     return sorted(tried, key=lambda other: other.square)[:2]
 
 
-def start_candidates(record: Prepared) -> list[Start]:
-    """Memories a record may begin with: saturated at either end, with or without one turning point since."""
-    v0 = float(record.inputs[0])
-    low, high = float(np.min(record.inputs)), float(np.max(record.inputs))
-    margin = 0.25 * (high - low)
-    candidates = [Start("cooled"), Start("heated")]
-    candidates += [Start("cooled", float(t)) for t in np.linspace(low - margin, v0, 14)[:-1]]
-    candidates += [Start("heated", float(t)) for t in np.linspace(v0, high + margin, 14)[1:]]
-    return candidates
-
-
-def choose_starts(
+def remembered(
     records: Sequence[Prepared],
     chosen: Sequence[NDArray[np.bool_]],
-    starts: Sequence[Start],
-    candidates: Sequence[Sequence[Start]],
+    starts: Sequence[FilmStart],
     fit: Problem,
     theta: Array,
-) -> list[Start]:
-    """The memories that fit best at theta, record by record: another one has to gain 3 % to be taken."""
-    best = list(starts)
-    for number in range(len(records)):
-        least = mean_square(records, chosen, best, fit, theta)
-        for candidate in candidates[number]:
-            trial = [*best[:number], candidate, *best[number + 1 :]]
-            value = mean_square(records, chosen, trial, fit, theta)
-            if value < 0.97 * least:
-                best, least = trial, value
+    likely: Callable[[FilmStart, Prepared, Cost, float], FilmStart],
+) -> list[FilmStart]:
+    """Return the memories that are likely at theta, record by record. likely: the memory of a record, from the one that
+    is known, its cost, and what another has to bring."""
+    best, readings = list(starts), sum(int(np.sum(c & r.used)) for c, r in zip(chosen, records, strict=True))
+    worth = max(price(1, readings), 0.5 * GAIN * readings)
+    for number, record in enumerate(records):
+
+        def cost(start: FilmStart, number: int = number) -> float:
+            square = mean_square(records, chosen, [*best[:number], start, *best[number + 1 :]], fit, theta)
+            return 0.5 * readings * math.log(max(square, 1e-300))
+
+        best[number] = likely(best[number], record, cost, worth)
     return best
 
 
-def refine_starts(
-    records: Sequence[Prepared],
-    chosen: Sequence[NDArray[np.bool_]],
-    starts: Sequence[Start],
-    fit: Problem,
-    theta: Array,
-) -> list[Start]:
-    """The turning points before the first rows, each at its best at theta."""
-    best = list(starts)
-    for number, (record, start) in enumerate(zip(records, starts, strict=True)):
-        if start.previous_degC is None:
-            continue
-        step = 1.25 * float(np.ptp(record.inputs)) / 13.0
-        v0 = float(record.inputs[0])
-        low, high = start.previous_degC - step, start.previous_degC + step
-        low, high = (low, min(high, v0)) if start.initial == "cooled" else (max(low, v0), high)
+def begun(known: FilmStart, record: Prepared, cost: Cost, worth: float) -> FilmStart:
+    """Return the likeliest memory at the first row."""
+    return likeliest(beginnings(float(record.inputs[0]), record.inputs, known), known, cost, worth)
 
-        def square(previous: float, number: int = number) -> float:
-            trial = [*best[:number], replace(best[number], previous_degC=previous), *best[number + 1 :]]
-            return mean_square(records, chosen, trial, fit, theta)
 
-        found = minimize_scalar(square, bounds=(low, high), method="bounded", options={"xatol": 0.01, "maxiter": 25})
-        best[number] = replace(start, previous_degC=float(found.x))
-    return best
+def begun_closer(known: FilmStart, record: Prepared, cost: Cost, worth: float) -> FilmStart:
+    """Return the memory with its turning point before the first row at its best."""
+    return closer(known, float(record.inputs[0]), 1.25 * float(np.ptp(record.inputs)) / SEVERAL, cost)
+
+
+def through_unseen(known: FilmStart, record: Prepared, cost: Cost, worth: float) -> FilmStart:
+    """Return the memory with what the film went through in the record's gaps."""
+    gaps = [(float(record.time_s[row]), record.inputs[row - 1 : row + 1]) for row in record.longest_unseen]
+    return through_gaps(known, gaps, record.inputs, cost, worth)
 
 
 def mean_square(
     records: Sequence[Prepared],
     chosen: Sequence[NDArray[np.bool_]],
-    starts: Sequence[Start],
+    starts: Sequence[FilmStart],
     fit: Problem,
     theta: Array,
 ) -> float:

@@ -9,9 +9,9 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel, reversal_jumps
 from compensator.hysteresis.functions import Array
-from sim.inference.film.gap_memory import gap_notes
 from sim.inference.film.multistart import transition
-from sim.inference.film.rows import Path, Prepared, Start
+from sim.inference.film.rows import Path, Prepared
+from sim.model.record_own import FilmStart
 
 # at different temperatures inside the transition: at fewer, minor loops between them are extrapolated
 ENOUGH_REVERSALS: Final = 5
@@ -65,7 +65,7 @@ def memoryless_rms(path: Path) -> float:
 
 def film_notes(
     records: Sequence[Prepared],
-    starts: Sequence[Start],
+    starts: Sequence[FilmStart],
     path: Path,
     operators: Array,
     model: FilmModel,
@@ -112,8 +112,25 @@ def film_notes(
             f"Record at least {5 * parameters} readings, most of them inside the transition."
         )
     for record, start in zip(records, starts, strict=True):
-        notes += gap_notes(record, start) + _repeats(record)
+        notes += _gaps(record, start) + _repeats(record)
     return tuple(notes)
+
+
+def _gaps(record: Prepared, start: FilmStart) -> list[str]:
+    """A line on a record's gaps, if it has any: how long, and what was made of the film's memory in them."""
+    if not record.gaps.size:
+        return []
+    count, longest_s = record.gaps.size, float(np.max(record.gap_s))
+    seen = f"{record.name}: {count} gap{'s' * (count > 1)} in time, the longest of {longest_s:.3g} s: "
+    if not record.unseen.size:
+        return [f"{seen}too short for the temperature to have turned round; in between it is taken as monotone."]
+    looked = record.longest_unseen.size
+    after = "it" if count == 1 else "each" if looked == count else f"the {looked} longest" if looked > 1 else "that one"
+    made = f"{seen}the temperature in between is unknown, so the film's memory after {after} is estimated anew"
+    if not start.passed_degC:
+        return [f"{made}: no excursion shows in the readings that follow."]
+    shown = [f"{' and '.join(f'{t:.1f}' for t in degC)} degC before {at:g} s" for at, degC in start.passed_degC]
+    return [f"{made}, as if the temperature had gone to {'; to '.join(shown)}."]
 
 
 def _repeats(record: Prepared) -> list[str]:

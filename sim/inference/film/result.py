@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.hysteresis.film import FilmModel, Memory
 from compensator.hysteresis.functions import Array
 from sim.inference.covariance import NORMAL_95, Covariance, block_sandwich
-from sim.inference.film.rows import Path, Prepared, Start, build_path
+from sim.inference.film.rows import Path, Prepared, build_path
 from sim.inference.film.selection import Candidate
 from sim.inference.readings.checked_columns import check_noise, checked_columns
 from sim.inference.readings.temperature_path import temperature_path
+from sim.model.record_own import FilmStart
 
 
 class Linearized(Protocol):
@@ -139,7 +140,7 @@ class FilmFit:
     """
 
     model: FilmModel
-    starts: tuple[Start, ...]
+    starts: tuple[FilmStart, ...]
     memories: tuple[Memory, ...]
     rmse: float
     max_abs: float
@@ -180,7 +181,7 @@ class FilmFit:
         time_s: ArrayLike,
         temperature_degC: ArrayLike,
         *,
-        start: Start | None = None,
+        start: FilmStart | None = None,
         temperature_noise_K: float | None = None,
     ) -> Prediction:
         """The output over a record, driven by the path behind its temperature; `start` defaults to the model's.
@@ -194,7 +195,7 @@ class FilmFit:
             raise ValueError(f"temperature_degC: no finite number in {time.size} rows, expected degC")
         path = temperature_path(time_s, temperature_degC, noise_K=temperature_noise_K)
         v = path.temperature_degC
-        start = start or Start(self.model.initial)
+        start = start or FilmStart(self.model.initial)
         output, _ = self.model.simulate(v, memory_at_start(self.model, start, float(v[0])))
         every = np.ones(v.size, dtype=np.bool_)
         none = np.empty(0, dtype=np.int64)
@@ -203,7 +204,7 @@ class FilmFit:
         return Prediction(output, half_width, np.hypot(half_width, NORMAL_95 * self.held_out_rmse))
 
 
-def memory_at_start(model: FilmModel, start: Start, first_degC: float) -> Memory:
+def memory_at_start(model: FilmModel, start: FilmStart, first_degC: float) -> Memory:
     """The film's memory at a record's first row (degC)."""
     if start.previous_degC is None:
         return model.initial_memory(first_degC, start.initial)

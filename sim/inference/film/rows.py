@@ -1,9 +1,7 @@
 """Records of a film made ready for a fit: checked, freed of outliers, with a path for the operators.
 
-A film's memory belongs to its record. What happened before the first row is described by a `Start`: saturation at
-the hot ("cooled") or cold ("heated") end and, where the first row lies inside the transition, one turning point
-between that end and the first row; and what it went through while rows were missing by the temperatures that it turned
-round at there. Rate independence makes the path cheap: besides the rows with readings only its turning points count.
+A film's memory belongs to its record (`FilmStart`). Rate independence makes the path cheap: besides the rows with
+readings only its turning points count.
 """
 
 from __future__ import annotations
@@ -15,7 +13,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compensator.hysteresis.film import Initial
 from compensator.hysteresis.functions import Array
 from sim.inference.readings.checked_columns import checked_columns
 from sim.inference.readings.outliers import lone_outliers
@@ -23,6 +20,7 @@ from sim.inference.readings.repeated import repeated_rows
 from sim.inference.readings.temperature_path import TemperaturePath, temperature_path, turning_points
 from sim.model.gaps import long_gaps, longest_of, rows_after_gaps
 from sim.model.operator_outputs import Integers, Sides
+from sim.model.record_own import FilmStart
 
 FEWEST: Final = 12  # readings below which nothing is fitted
 
@@ -39,24 +37,6 @@ class FilmRecord:
     name: str = "record"
     output_time_s: ArrayLike | None = None
     course_degC: ArrayLike | None = None
-
-
-@dataclass(frozen=True)
-class Start:
-    """What the film remembers at a record's first row: from saturation to `previous_degC` (if any), to the row.
-
-    passed_degC: of gaps in which it turned round the time (s) of the row after it, and at which temperatures.
-    """
-
-    initial: Initial = "cooled"
-    previous_degC: float | None = None
-    passed_degC: tuple[tuple[float, tuple[float, ...]], ...] = ()
-
-    def turned_in_gaps(self, time_s: Array) -> tuple[Integers, Array]:
-        """The row before which the film was at each of those temperatures, and these, in sequence."""
-        turned = [(int(np.searchsorted(time_s, t)), degC) for t, several in self.passed_degC for degC in several]
-        rows = np.array([row for row, _ in turned], dtype=np.int64)
-        return rows, np.array([degC for _, degC in turned], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +175,7 @@ def _first_after(last: int, end: int, row: int, origin: Integers, used: NDArray[
 
 
 def build_path(
-    records: Sequence[Prepared], starts: Sequence[Start], chosen: Sequence[NDArray[np.bool_]] | None = None
+    records: Sequence[Prepared], starts: Sequence[FilmStart], chosen: Sequence[NDArray[np.bool_]] | None = None
 ) -> Path:
     """One path through all records, with the chosen rows' readings (default: all used rows')."""
     inputs, sides, rows, outputs, owners, samples = [], [], [], [], [], []

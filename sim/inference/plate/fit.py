@@ -98,6 +98,7 @@ class PlateFit:
     the simulation over all readings that count; outliers: number of readings that do not count in full;
     identifiability: what the records cannot fix; longest_s: of the stretches. course_degC: the plate's likeliest
     temperature in each row of each record, from the simulation and the readings; nan in rows of no stretch.
+    without_lag: the fit in which the thermometer does not lag, where this one does.
     """
 
     model: PlateModel
@@ -116,6 +117,7 @@ class PlateFit:
     longest_s: float
     lag_s: float = 0.0
     course_degC: tuple[Array, ...] = ()
+    without_lag: PlateFit | None = None
 
     @property
     def noise_K(self) -> float:
@@ -257,14 +259,23 @@ def identify_plate_records(
         raise ValueError(f"kind: {kind!r}: expected 'peltier' or 'heater'")
     if not records:
         raise ValueError("records: none given, expected at least one")
-    rows = PlateRows.of(records)
+    rows, odd = PlateRows.of(records), _odd(records)
+
+    def noted(at: _Point) -> PlateFit:
+        fit = _result(at)
+        notes = plate_notes(
+            fit,
+            rows.current_A,
+            lambda current, other: _result(_plain(replace(rows, current_A=current), other, slopes)),
+        )
+        return replace(fit, identifiability=(*odd, *notes))
+
     # a trial plate may run away; its residual is then refused
     with np.errstate(over="ignore", invalid="ignore"):
-        fit = fitted(rows, kind, lag, slopes)
-        notes = plate_notes(
-            fit, rows.current_A, lambda current, other: fitted(replace(rows, current_A=current), other, False, slopes)
-        )
-    return replace(fit, identifiability=(*_odd(records), *notes))
+        plain = _plain(rows, kind, slopes)
+        lagging = _with_lag(plain) if lag else plain
+        fit = noted(plain)
+        return fit if lagging is plain else replace(noted(lagging), without_lag=fit)
 
 
 def _odd(records: Sequence[PlateRecord]) -> tuple[str, ...]:
@@ -394,13 +405,9 @@ class _Point:
     most_slow: float
 
 
-def fitted(rows: PlateRows, kind: Kind, lag: bool, slopes: bool) -> PlateFit:
-    """Fit the plate of rows that were checked."""
-    problem = _Problem(rows, kind, False, slopes)
-    plain = _likeliest(_started(problem))
-    if lag:
-        plain = _with_lag(plain)
-    return _result(plain)
+def _plain(rows: PlateRows, kind: Kind, slopes: bool) -> _Point:
+    """The likeliest plate without a lag of the thermometer."""
+    return _likeliest(_started(_Problem(rows, kind, False, slopes)))
 
 
 def _readings(problem: _Problem) -> Readings:
