@@ -64,11 +64,6 @@ class Covariance:
         errors = np.sqrt(np.maximum(np.diag(self.matrix), 0.0))
         return np.where(self.undetermined, np.inf, errors)
 
-    def transformed(self, change: Array) -> Covariance:
-        """That of `change` times the parameters, shape (m, k)."""
-        mixed = (np.abs(change) > 0.0) @ self.undetermined
-        return Covariance(np.asarray(change @ self.matrix @ change.T), np.asarray(mixed, dtype=np.bool_))
-
     @property
     def correlation(self) -> Array:
         """Shape (k, k); 0 beside an undetermined parameter."""

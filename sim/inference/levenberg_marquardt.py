@@ -25,7 +25,6 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 
 FLAT: Final = 1e-9  # of a scaled diagonal: what the record hardly tells would move without an end
-PROMISED: Final = 0.1  # of the gain that settles a descent: a step that promises less is not worth a trial
 SETTLED: Final = 1e-5  # log-likelihood that one more step gains: values are then within 0.005 deviations
 TINY: Final = 1e-30  # of a diagonal: an unknown on which nothing depends
 SAME: Final = 0.1  # of a step that gained nothing, by which another has to differ to be tried

@@ -18,7 +18,7 @@ from scipy.interpolate import BSpline
 from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from sim.model.film_nodes import FilmNodes
-from sim.model.operator_outputs import envelope_values, operator_outputs, weighted_outputs
+from sim.model.operator_outputs import envelope_values, operator_outputs
 
 KNOTS = 7  # of a smooth D over the record's range, which bends less often
 SIMPLE = 3  # degree of what D has of simple form
@@ -45,16 +45,6 @@ def play_columns(nodes: FilmNodes, half_width_K: Array) -> Array:
     return out
 
 
-def operator_signal(nodes: FilmNodes, shape: Array, radii: Array, weights: Array) -> Array:
-    """The columns times weights, shape (points,)."""
-    inputs, side = film_path(nodes)
-    gamma = envelope_values(inputs, side, shape[None, :])[:, 0]
-    rows = nodes.points + (inputs.size - nodes.time_s.size)
-    out = np.empty(rows.size)
-    weighted_outputs(gamma, side, radii, weights, 1.0, rows, out)
-    return out
-
-
 def film_path(nodes: FilmNodes) -> tuple[Array, NDArray[np.int8]]:
     """The film's temperatures and the one before, where it is known, and the directions of the steps."""
     inputs, side = nodes.film_degC, nodes.side
@@ -63,25 +53,6 @@ def film_path(nodes: FilmNodes) -> tuple[Array, NDArray[np.int8]]:
     inputs = np.concatenate(([nodes.previous_degC], inputs))
     turn = np.int8(np.sign(inputs[1] - inputs[0]))
     return inputs, np.concatenate((side[:1], [turn], side[1:])).astype(np.int8)
-
-
-def play_outputs(nodes: FilmNodes, half_width_K: Array) -> Array:
-    """Classical play operators F_h[T] at the rows' readings, degC, shape (rows, operators)."""
-    inputs, side = film_path(nodes)
-    plays = np.empty((nodes.taken.size, half_width_K.size))
-    order = np.argsort(nodes.taken, kind="stable")
-    rows = nodes.taken[order] + (inputs.size - nodes.time_s.size)
-    part = np.empty_like(plays)
-    group = np.zeros(half_width_K.size, dtype=np.int64)
-    operator_outputs(np.ascontiguousarray(inputs[:, None]), side, half_width_K, group, np.inf, rows, part)
-    plays[order] = part
-    return plays
-
-
-def classical_columns(nodes: FilmNodes, centre: Array, slope: Array, half_width_K: Array) -> Array:
-    """tanh(slope (F_h[T] - centre)) at the rows' readings, shape (rows, operators): relays spread over the plane."""
-    widths, place = np.unique(half_width_K, return_inverse=True)
-    return np.asarray(np.tanh(slope * (play_outputs(nodes, widths)[:, place] - centre)), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,15 +38,6 @@ class FilmNodes:
         """The same with the film's output at all nodes."""
         return replace(self, points=np.arange(self.time_s.size), rows=self.taken)
 
-    def same_film(self, other: FilmNodes) -> bool:
-        """Whether the film goes through the same temperatures, and is read at the same of them."""
-        return (
-            self.previous_degC == other.previous_degC
-            and np.array_equal(self.film_degC, other.film_degC)
-            and np.array_equal(self.side, other.side)
-            and np.array_equal(self.taken, other.taken)
-        )
-
     def at_points(self, signal: Array) -> Array:
         """A signal of the rows at the points, straight between them."""
         order = np.argsort(self.taken, kind="stable")

@@ -65,44 +65,6 @@ def operator_outputs(
 
 
 @njit
-def weighted_outputs(
-    gamma: Array, side: Sides, radii: Array, weights: Array, top: float, rows: Integers, out: Array
-) -> None:
-    """The outputs of one group times their weights, into out (rows,); gamma (path,), radii rising, the rest as above.
-
-    Outputs of neighbours are no further apart than their radii, so that the operators that move on one way are the
-    first few: their sum is known from gamma, and only those that join them are looked at.
-    """
-    count = radii.size
-    w = np.zeros(count)
-    moving, way, g = 0, 0, 0.0
-    of_moving, of_radii, rest = 0.0, 0.0, 0.0  # weights, weights times radii; weights times outputs of those that stand
-    r = 0
-    for i in range(side.size):
-        s = side[i]
-        if s != 0:
-            turned = 1 if s > 0 else -1
-            if turned != way or s * s > 1:
-                for j in range(moving):
-                    w[j] = g - way * radii[j]
-                if s * s > 1:
-                    for j in range(count):
-                        w[j] = -turned * (top - radii[j])
-                moving, way, of_moving, of_radii, rest = 0, turned, 0.0, 0.0, 0.0
-                for j in range(count):
-                    rest += weights[j] * w[j]
-            g = gamma[i]
-            while moving < count and way * (g - w[moving]) > radii[moving]:
-                of_moving += weights[moving]
-                of_radii += weights[moving] * radii[moving]
-                rest -= weights[moving] * w[moving]
-                moving += 1
-        while r < rows.size and rows[r] == i:
-            out[r] = of_moving * g - way * of_radii + rest
-            r += 1
-
-
-@njit
 def _hand_over(
     first: int,
     by_log_a: float,

@@ -24,7 +24,6 @@ from sim.model.operator_outputs import GROUP
 from sim.model.record_own import FilmStart
 
 STARTS: Final = 256  # over four to six parameters: about three values of each
-CHANGE_STEPS: Final = 60  # of travel over a range of temperatures: noise is small beside what changes in one
 REFINED: Final = 8  # of the starts, the best: a descent costs as much as a dozen of them
 SHAPES: Final = 48  # of D, tried beside good envelopes
 GAIN: Final = 0.03  # of the mean square that another memory brings: what the model lacks is no noise
@@ -50,39 +49,6 @@ def transition(path: Path) -> tuple[float, float]:
     return 0.5 * float(low + high), max(0.5 * float(high - low), float(edges[1] - edges[0]))
 
 
-def quartiles_of_change(path: Path) -> tuple[float, float, float]:
-    """The temperatures (degC) below which a quarter, a half and three quarters of the output's change are, over all
-    that a record goes through: a slow slope of the rest of the range moves them little. What is seen while heating
-    counts half the loop's width lower, while cooling higher: where the relays' middles are."""
-    v = path.inputs[path.rows]
-    half_width_K = half_width_of_change(path)
-    half_width_K = max(half_width_K, 0.0) if math.isfinite(half_width_K) else 0.0
-    middle, dv, dy = _coarse_steps(path, float(np.ptp(v)) / CHANGE_STEPS)
-    middle = middle - np.sign(dv) * half_width_K
-    low, half, high = _quantiles(middle, np.maximum(np.sign(dv) * dy, 0.0), np.array([0.25, 0.5, 0.75]))
-    return float(low), float(half), float(high)
-
-
-def half_width_of_change(path: Path) -> float:
-    """Half the distance (K) between the temperatures below which half of the output's change is seen while heating and
-    while cooling; nan where a record never goes one of the ways."""
-    v = path.inputs[path.rows]
-    middle, dv, dy = _coarse_steps(path, float(np.ptp(v)) / CHANGE_STEPS)
-    found = []
-    for side in (1.0, -1.0):
-        own = np.sign(dv) == side
-        changed = np.maximum(side * dy[own], 0.0)
-        found.append(float(_quantiles(middle[own], changed, np.array([0.5]))[0]) if np.any(changed) else math.nan)
-    return 0.5 * (found[0] - found[1])
-
-
-def _quantiles(v: Array, weights: Array, shares: Array) -> Array:
-    """Of values with weights."""
-    order = np.argsort(v)
-    total = np.cumsum(weights[order])
-    return np.asarray(np.interp(shares * total[-1], total, v[order]), dtype=np.float64)
-
-
 def _coarse_steps(path: Path, step_K: float) -> tuple[Array, Array, Array]:
     """Between rows at least so much travel apart: the temperature, its change, the output's."""
     v, y = path.inputs[path.rows], path.output
@@ -91,17 +57,15 @@ def _coarse_steps(path: Path, step_K: float) -> tuple[Array, Array, Array]:
     return 0.5 * (v[coarse][1:] + v[coarse][:-1]), np.diff(v[coarse]), np.diff(y[coarse])
 
 
-def slope_density(path: Path, edges: Array, half_width_K: float = 0.0, sense: float | None = None) -> Array:
+def slope_density(path: Path, edges: Array, sense: float | None = None) -> Array:
     """Return the mean d output / dv >= 0 in each temperature bin, from rows at least half a bin's width apart.
 
-    half_width_K: by which what is seen while heating lies above its bin, and while cooling below.
     sense: 1 heating alone, -1 cooling alone, None both.
     """
     middle, dv, dy = _coarse_steps(path, 0.5 * float(edges[1] - edges[0]))
     if sense is not None:
         own = np.sign(dv) == sense
         middle, dv, dy = middle[own], dv[own], dy[own]
-    middle = middle - np.sign(dv) * half_width_K
     size = edges.size - 1
     place = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, size - 1)
     moved = np.bincount(place, weights=np.abs(dv), minlength=size)

@@ -15,10 +15,7 @@ from sim.inference.film.variable_projection import PlainFit, denser, equal_struc
 from sim.inference.levenberg_marquardt import Damping, Linearized, damped_step, descend
 from sim.inference.nnls import solve_triangle, triangle
 from sim.model.operator_outputs import (
-    envelope_values,
-    operator_outputs,
     radius_floor,
-    weighted_outputs,
 )
 from sim.model.record_own import FilmStart
 from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile, relay_film
@@ -93,25 +90,6 @@ def test_the_smallest_radius_is_what_the_order_condition_needs() -> None:
             step[k] = 1e-4
             numeric = (radius_floor(shape + step)[0] - radius_floor(shape - step)[0]) / 2e-4
             assert gradient[k] == pytest.approx(numeric, abs=2e-4)
-
-
-@pytest.mark.parametrize("first", [-2, 2])
-@pytest.mark.parametrize("seed", range(4))
-def test_outputs_times_weights_are_the_sum_of_all_operators(first: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    v = 60.0 + np.clip(np.cumsum(rng.normal(size=1500)), -25.0, 25.0)
-    v[400:500] = v[400]  # at rest
-    side = np.sign(np.diff(v, prepend=v[0])).astype(np.int8)
-    side[0], side[900] = first, -first  # begun anew on the way, too
-    shape = np.array([rng.uniform(-3, -1), 61.0, rng.uniform(-3, -1), 58.0])
-    floor, _ = radius_floor(shape)
-    radii = floor + (1.0 - floor) * np.arange(40) / 40
-    weights, rows = rng.normal(size=40), np.flatnonzero(rng.random(1500) < 0.7)
-    gamma = envelope_values(v, side, shape[None, :])
-    each, together = np.empty((rows.size, 40)), np.empty(rows.size)
-    operator_outputs(gamma, side, radii, np.zeros(40, dtype=np.int64), 1.0, rows, each)
-    weighted_outputs(gamma[:, 0].copy(), side, radii, weights, 1.0, rows, together)
-    assert np.max(np.abs(together - each @ weights)) < 1e-12
 
 
 def test_reduced_nonnegative_least_squares() -> None:
