@@ -30,7 +30,7 @@ ALONE: Final = 0.05  # of a combination is left without a block: with less the b
 
 
 def correlation_rows(residual: Array) -> float:
-    """How many rows hang together: 1 + 2 sum of the autocorrelation up to its first crossing of 0.05."""
+    """Return how many rows hang together: 1 + 2 sum of the autocorrelation up to its first crossing of 0.05."""
     n = residual.size
     e = residual - np.mean(residual)
     size = 1 << int(2 * n - 1).bit_length()
@@ -45,7 +45,7 @@ def correlation_rows(residual: Array) -> float:
 
 
 def block_count(residual: Array) -> int:
-    """Blocks of about four correlation lengths, between `FEWEST_BLOCKS` and `MOST_BLOCKS`."""
+    """Return blocks of about four correlation lengths, between `FEWEST_BLOCKS` and `MOST_BLOCKS`."""
     count = int(residual.size / (4.0 * correlation_rows(residual)))
     return max(min(count, MOST_BLOCKS, residual.size), min(FEWEST_BLOCKS, residual.size))
 

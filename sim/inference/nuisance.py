@@ -69,7 +69,7 @@ class Told:
     error_time_s: float = 0.0
 
     def only(self, rows: Mask) -> Told:
-        """Those of some rows."""
+        """Return the readings of some rows."""
         output = np.where(rows, self.output, np.nan) if self.output is not None else None
         return replace(self, temperature_degC=np.where(rows, self.temperature_degC, np.nan), output=output)
 
@@ -80,8 +80,8 @@ def resting_K(first_K: float) -> float:
 
 
 def told_rows(record: Recorded, first_s: float | None = None) -> Mask:
-    """The first rows of each stretch: first_s seconds; None: 30 s or 20 rows, whichever is more; of a short stretch
-    its first half."""
+    """Return the first rows of each stretch: first_s seconds; None: 30 s or 20 rows, whichever is more; of a short
+    stretch its first half."""
     time, told = record.time_s, np.zeros(record.time_s.size, dtype=np.bool_)
     for begin, end in zip(record.first_rows, [*record.first_rows[1:], time.size], strict=True):
         seconds = FIRST_S if first_s is None else first_s
@@ -92,7 +92,7 @@ def told_rows(record: Recorded, first_s: float | None = None) -> Mask:
 
 
 def first_readings(record: Recorded, temperature_degC: Array) -> Array:
-    """The first reading of each stretch; of one without readings, the nearest one: degC, (stretches,)."""
+    """Return the first reading of each stretch; of one without readings, the nearest one: degC, (stretches,)."""
     used, found = np.flatnonzero(np.isfinite(temperature_degC)), []
     for begin, end in zip(record.first_rows, [*record.first_rows[1:], record.time_s.size], strict=True):
         inside = used[(used >= begin) & (used < end)]
@@ -104,9 +104,9 @@ def first_readings(record: Recorded, temperature_degC: Array) -> Array:
 def fit_own(
     chain: Forward, record: Recorded, told: Told, film: FilmStart, path: PlatePath | None = None
 ) -> tuple[RecordOwn, PlatePath]:
-    """(what belongs to the record, the plate's path with it). film: the model's own memory; path: of the plate, where
-    it is measured; None: it is simulated from the record's commands, its temperatures fitted to the thermometer's.
-    Raises ValueError where no temperature was read."""
+    """Return (what belongs to the record, the plate's path with it). film: the model's own memory; path: of the plate,
+    where it is measured; None: it is simulated from the record's commands, its temperatures fitted to the
+    thermometer's. Raises ValueError where no temperature was read."""
     if not np.any(np.isfinite(told.temperature_degC)):
         raise ValueError("temperature_degC: no finite number in the first rows")
     own = RecordOwn(chain.ambient_degC, first_readings(record, told.temperature_degC), film=film)
@@ -119,7 +119,7 @@ def fit_own(
 
 
 def _temperatures(chain: Forward, record: Recorded, told: Told, own: RecordOwn) -> RecordOwn:
-    """Room, bodies, filters and plate."""
+    """Return the record's own with room, bodies, filters and plate fitted."""
     anew, links = anew_rows(record).size, chain.links
     bodies = [e.name for e in links.plate if isinstance(e.effect.form, HeatFlow) and e.effect.form.own_rate is not None]
     lags, room = [e.name for e in links.thermometer], own.ambient_degC
@@ -163,7 +163,7 @@ def _noise(record: Recorded, told: Told, rows: Rows) -> Array:
 
 
 def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: PlatePath) -> RecordOwn:
-    """Memory, and how far filters of film and ohmmeter are behind."""
+    """Return the record's own with memory, and how far filters of film and ohmmeter are behind, fitted."""
     assert told.output is not None
     rows, output = np.flatnonzero(np.isfinite(told.output)), told.output
 

@@ -26,7 +26,7 @@ GRID = 400
 
 
 def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
-    """Output of each operator at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
+    """Return the output of each operator at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
     inputs, side = film_path(nodes)
     gamma = envelope_values(inputs, side, shape[None, :])
     rows = nodes.points + (inputs.size - nodes.time_s.size)
@@ -36,7 +36,7 @@ def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
 
 
 def play_columns(nodes: FilmNodes, half_width_K: Array) -> Array:
-    """Classical play operators F_h[T] at the points, degC, shape (points, operators)."""
+    """Return classical play operators F_h[T] at the points, degC, shape (points, operators)."""
     inputs, side = film_path(nodes)
     rows = nodes.points + (inputs.size - nodes.time_s.size)
     out = np.empty((rows.size, half_width_K.size))
@@ -46,7 +46,7 @@ def play_columns(nodes: FilmNodes, half_width_K: Array) -> Array:
 
 
 def film_path(nodes: FilmNodes) -> tuple[Array, NDArray[np.int8]]:
-    """The film's temperatures and the one before, where it is known, and the directions of the steps."""
+    """Return the film's temperatures and the one before, where it is known, and the directions of the steps."""
     inputs, side = nodes.film_degC, nodes.side
     if nodes.previous_degC is None:
         return inputs, side
@@ -89,13 +89,13 @@ class SmoothCurve:
         return int(self.cubics.shape[2])
 
     def columns(self, temperature: Array) -> Array:
-        """Shape (samples, count): without the constant."""
+        """Return the columns, shape (samples, count), without the constant."""
         out = np.empty((temperature.size, self.count))
         cubic_columns(self.knots, self.cubics, temperature, out)
         return out
 
     def values(self, temperature: Array, coefficients: Array) -> Array:
-        """The columns times coefficients, shape (samples,)."""
+        """Return the columns times coefficients, shape (samples,)."""
         out = np.empty((temperature.size, 1))
         cubic_columns(self.knots, (self.cubics @ coefficients)[:, :, None], temperature, out)
         return out[:, 0]
@@ -118,7 +118,7 @@ def cubic_columns(knots: Array, cubics: Array, temperature: Array, out: Array) -
 
 
 def _splines(knots: Array, temperature: Array) -> Array:
-    """Cubic B-splines but the first, less their mean; beyond the ends constant."""
+    """Return cubic B-splines but the first, less their mean; beyond the ends constant."""
     inside = np.clip(temperature, knots[0], knots[-1])
     count = knots.size - 4
     design = BSpline(knots, np.eye(count), 3)(inside)

@@ -40,7 +40,7 @@ class PhaseMixing:
     percolation: float = 0.0
 
     def mixed(self, u: Array) -> Array:
-        """The film's output, decades."""
+        """Return the film's output, decades."""
         if self._logarithms:
             return u
         share = (u - self.low_dec) / self._range
@@ -56,7 +56,7 @@ class PhaseMixing:
         return np.asarray(y + (share - inside) / self._shares_per_dec(y), dtype=np.float64)
 
     def unmixed(self, y: Array) -> Array:
-        """The u of which B is y."""
+        """Return the u of which B is y."""
         if self._logarithms:
             return y
         inside = np.clip(y, self.low_dec, self.high_dec)
@@ -65,13 +65,13 @@ class PhaseMixing:
         return np.asarray(self.low_dec + self._range * share, dtype=np.float64)
 
     def slope(self, y: Array) -> Array:
-        """dB/du where B is y."""
+        """Return dB/du where B is y."""
         if self._logarithms:
             return np.ones_like(y)
         return 1.0 / (self._range * self._shares_per_dec(np.clip(y, self.low_dec, self.high_dec)))
 
     def reading(self) -> Switched:
-        """B as the first thing that happens to what the operators add up to, on its way to the ohmmeter."""
+        """Return B as the first thing that happens to what the operators add up to, on its way to the ohmmeter."""
 
         def read(par: Array, ohm: Array) -> Array:
             return np.asarray(10.0 ** -np.clip(self.mixed(-np.log10(ohm)), -FARTHEST_DEC, FARTHEST_DEC))
@@ -113,7 +113,7 @@ class PhaseMixing:
         return np.asarray(0.5 * (less * np.exp(qv) - more * np.exp(-qv)), dtype=np.float64)
 
     def _shares_per_dec(self, y: Array) -> Array:
-        """d share / d y."""
+        """Return d share / d y."""
         qv = self._q * math.log(10.0) * (y - self._middle)
         less, more = self._q_less_and_more_p
         first, last = self._ends

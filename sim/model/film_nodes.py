@@ -35,16 +35,16 @@ class FilmNodes:
     rows: NDArray[np.int64]
 
     def everywhere(self) -> FilmNodes:
-        """The same with the film's output at all nodes."""
+        """Return the same with the film's output at all nodes."""
         return replace(self, points=np.arange(self.time_s.size), rows=self.taken)
 
     def at_points(self, signal: Array) -> Array:
-        """A signal of the rows at the points, straight between them."""
+        """Return a signal of the rows at the points, straight between them."""
         order = np.argsort(self.taken, kind="stable")
         return np.interp(self.points_s, self.time_s[self.taken[order]], signal[order])
 
     def of_rows(self, columns: Array) -> Array:
-        """What was computed at the points, in every row; not a copy where a row has a point of its own."""
+        """Return what was computed at the points, in every row; not a copy where a row has a point of its own."""
         n = self.points.size
         own = self.rows.size == n and bool(np.all(self.rows == np.arange(n)))
         return columns if own else np.asarray(columns[self.rows], dtype=np.float64)
@@ -64,8 +64,8 @@ def film_nodes(
     start: FilmStart,
     spacing: Spacing = COARSE,
 ) -> FilmNodes:
-    """The film's temperature. late_K: how far each filter of it is behind at the first row; power: of the ohmmeter, if
-    it heats."""
+    """Return the film's temperature. late_K: how far each filter of it is behind at the first row; power: of the
+    ohmmeter, if it heats."""
     jumps_s = power.meter.jumps_s() if power is not None else np.empty(0)
     time, place, temperature = plate_at_film_nodes(record, path, links, jumps_s, start, spacing)
     late = iter(late_K)
@@ -96,8 +96,9 @@ def plate_at_film_nodes(
     start: FilmStart,
     spacing: Spacing = COARSE,
 ) -> tuple[Array, NDArray[np.int64], Array]:
-    """(times at which the film's temperature is needed, the one at which each row's resistance was read, the plate's
-    temperature at them, or what a film went through in a gap). jumps_s: when the ohmmeter's power changes at once."""
+    """Return (times at which the film's temperature is needed, the one at which each row's resistance was read, the
+    plate's temperature at them, or what a film went through in a gap). jumps_s: when the ohmmeter's power changes at
+    once."""
     taken = links.taken(record.taken_s)
     turns = np.concatenate((path.turning_s, jumps_s)) if jumps_s.size else path.turning_s
     gaps = record.first_rows[1:]
@@ -128,6 +129,6 @@ def plate_at_film_nodes(
 
 
 def _gap_of(time: Array, begin: Array, end: Array) -> NDArray[np.int64]:
-    """The gap that each time is inside of, -1 for none."""
+    """Return the gap that each time is inside of, -1 for none."""
     gap = np.searchsorted(begin, time) - 1
     return np.where(time < np.append(end, -np.inf)[gap], gap, -1)

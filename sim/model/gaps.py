@@ -24,8 +24,8 @@ Rows = NDArray[np.int64]
 
 
 def gap_threshold(steps_s: Array) -> float:
-    """Steps above it are gaps: 1.5 medians, or, where sampling is uneven, 1.5 times the 95th percentile. Sampling is
-    uneven where many steps are long, or are no multiples of the median."""
+    """Return the step above which steps are gaps: 1.5 medians, or, where sampling is uneven, 1.5 times the 95th percentile.
+    Sampling is uneven where many steps are long, or are no multiples of the median."""
     median = float(np.median(steps_s))
     medians = steps_s / median
     if np.mean(medians > GAP) > 0.1 or np.mean(np.abs(medians - np.round(medians)) < 0.1) < 0.9:
@@ -34,7 +34,7 @@ def gap_threshold(steps_s: Array) -> float:
 
 
 def rows_after_gaps(time_s: Array) -> Rows:
-    """The row after each gap."""
+    """Return the row after each gap."""
     steps = np.diff(time_s)
     if not steps.size:
         return np.empty(0, dtype=np.int64)
@@ -55,8 +55,8 @@ def longest_of(after: Rows, lasted_s: Array) -> Rows:
 
 
 def beyond_ends(ends_degC: Array, seen_degC: Array, margin: float) -> tuple[list[float], list[float]]:
-    """Where a film may have turned round in a gap, below and above the temperatures at its ends, the nearest first;
-    margin: so far beyond what was seen, in shares of its range."""
+    """Return where a film may have turned round in a gap, below and above the temperatures at its ends, the nearest
+    first; margin: so far beyond what was seen, in shares of its range."""
     below, above = float(np.min(ends_degC)), float(np.max(ends_degC))
     low, high = float(np.min(seen_degC)), float(np.max(seen_degC))
     beyond = margin * (high - low)
@@ -66,5 +66,5 @@ def beyond_ends(ends_degC: Array, seen_degC: Array, margin: float) -> tuple[list
 
 
 def there_and_back(lower: list[float], higher: list[float]) -> list[tuple[float, float]]:
-    """Pairs of temperatures on both sides of a gap, every other one of `beyond_ends`, in either order."""
+    """Return pairs of temperatures on both sides of a gap, every other one of `beyond_ends`, in either order."""
     return [*product(lower[::2], higher[::2]), *product(higher[::2], lower[::2])]

@@ -160,7 +160,7 @@ def envelope_values(inputs: Array, side: Sides, shapes: Array) -> Array:
 
 @njit
 def radius_floor(shape: Array) -> tuple[float, Array]:
-    """The smallest radius that the order condition allows for tanh envelopes, and its gradient, shape (4,)."""
+    """Return the smallest radius that the order condition allows for tanh envelopes, and its gradient, shape (4,)."""
     slope_r, centre_r, slope_l, centre_l = math.exp(shape[0]), float(shape[1]), math.exp(shape[2]), float(shape[3])
     envelopes = slope_r, centre_r, slope_l, centre_l
     middle, reach = 0.5 * (centre_r + centre_l), 0.5 * abs(centre_r - centre_l) + 4.0 / min(slope_r, slope_l)
@@ -187,7 +187,7 @@ def radius_floor(shape: Array) -> tuple[float, Array]:
 def _largest_gap(
     slope_r: float, centre_r: float, slope_l: float, centre_l: float, middle: float, reach: float, steps: int
 ) -> tuple[float, float]:
-    """The largest gamma_R - gamma_L of so many steps to each side of the middle, and where it is."""
+    """Return the largest gamma_R - gamma_L of so many steps to each side of the middle, and where it is."""
     largest, at = -np.inf, middle
     for k in range(-steps, steps + 1):
         v = middle + reach * k / steps

@@ -15,8 +15,8 @@ BEYOND_DEC = 1.0  # of what the film reaches, or what was shown: a disturbed est
 
 
 def own_output_table(links: Links, film: Film | None) -> tuple[Array, Array] | None:
-    """(what the ohmmeter shows, the film's own output), both -log10 R, increasing, shape (places,); None where they are
-    the same, or there is no film."""
+    """Return (what the ohmmeter shows, the film's own output), both -log10 R, increasing, shape (places,); None where
+    they are the same, or there is no film."""
     readings = _readings(links)
     if film is None or not readings:
         return None
@@ -26,7 +26,7 @@ def own_output_table(links: Links, film: Film | None) -> tuple[Array, Array] | N
 
 
 def own_output(links: Links, shown: Array) -> Array:
-    """The film's own output for what an ohmmeter without a lag showed, both -log10 R, shape (readings,)."""
+    """Return the film's own output for what an ohmmeter without a lag showed, both -log10 R, shape (readings,)."""
     readings = _readings(links)
     if not readings or not shown.size:
         return shown

@@ -46,7 +46,7 @@ class FilmStart:
         return replace(self, passed_degC=tuple(sorted(others.items())))
 
     def memory(self, film: Film) -> Any:
-        """That of a film, before it comes to its first temperature."""
+        """Return the memory of a film, before it comes to its first temperature."""
         before = self.previous_degC if self.previous_degC is not None else SATURATED_DEGC[self.initial]
         return film.initial_memory(before, self.initial)
 
@@ -71,13 +71,13 @@ class RecordOwn:
 
 
 def anew_rows(record: Recorded) -> Rows:
-    """The first row, and those after gaps so long that bodies and thermometer begin anew, too."""
+    """Return the first row, and those after gaps so long that bodies and thermometer begin anew, too."""
     long = long_gaps(record)
     return np.append(0, long if long.size <= MOST_ANEW else long[:0]).astype(np.int64)
 
 
 def long_gaps(record: Recorded) -> Rows:
-    """The rows after gaps in which a plate may have turned round."""
+    """Return the rows after gaps in which a plate may have turned round."""
     return gaps.long_gaps(record.time_s, record.first_rows[1:])
 
 

@@ -104,8 +104,8 @@ class PreisachFilm:
         decades: float = 1.5,
         memoryless: Memoryless | None = None,
     ) -> PreisachFilm:
-        """Means normal, half-widths lognormal (median halfwidth_K): a density that is bell-shaped. seed: of the places
-        of the relays (an additive recurrence of two steps, its shift drawn)."""
+        """Return a film whose means are normal, half-widths lognormal (median halfwidth_K): a bell-shaped density. seed: of the
+        places of the relays (an additive recurrence of two steps, its shift drawn)."""
         first, second = np.random.default_rng(seed).random(2)
         steps = np.arange(relays) + 0.5
         mean = mean_degC + spread_K * ndtri((first + steps / PLASTIC) % 1.0)
@@ -113,12 +113,12 @@ class PreisachFilm:
         return cls(mean + half, mean - half, decades, memoryless or Memoryless(offset=-5.0))
 
     def initial_memory(self, input_degC: float, initial: str = "cooled") -> RelayMemory:
-        """Relays at a temperature that was reached from the hot end ("cooled") or the cold end ("heated")."""
+        """Return relays at a temperature that was reached from the hot end ("cooled") or the cold end ("heated")."""
         metallic = input_degC > self.down_degC if initial == "cooled" else input_degC >= self.up_degC
         return RelayMemory(metallic.astype(np.uint8), float(input_degC))
 
     def simulate(self, inputs_degC: ArrayLike, memory: RelayMemory) -> tuple[Array, RelayMemory]:
-        """Outputs -log10(R / 1 ohm) for a sequence of temperatures, and the relays after the last."""
+        """Return outputs -log10(R / 1 ohm) for a sequence of temperatures, and the relays after the last."""
         inputs = np.ascontiguousarray(inputs_degC, dtype=np.float64)
         outputs, states = np.empty(inputs.size), memory.metallic.copy()
         d = self.memoryless
@@ -127,7 +127,7 @@ class PreisachFilm:
         return outputs, RelayMemory(states, float(inputs[-1]) if inputs.size else memory.input_degC)
 
     def step(self, input_degC: float, memory: RelayMemory) -> tuple[float, RelayMemory]:
-        """One sample."""
+        """Return the output of one temperature, and the relays after it."""
         outputs, memory = self.simulate(np.array([input_degC]), memory)
         return float(outputs[0]), memory
 
@@ -147,20 +147,20 @@ class RisingFilm:
         return replace(d, amplitude=-d.amplitude, offset=-d.offset, coefficients=coefficients)
 
     def simulate(self, inputs_degC: Any, memory: Any) -> tuple[Any, Any]:
-        """-log10 R over temperatures, and the memory after the last."""
+        """Return -log10 R over temperatures, and the memory after the last."""
         outputs, after = self.model.simulate(inputs_degC, memory)
         return -outputs, after
 
     def step(self, input_degC: float, memory: Any) -> tuple[float, Any]:
-        """The same for one temperature."""
+        """Return the same for one temperature."""
         output, after = self.model.step(input_degC, memory)
         return -output, after
 
     def initial_memory(self, input_degC: float, initial: Any = None) -> Any:
-        """The model's own memory."""
+        """Return the model's own memory."""
         return self.model.initial_memory(input_degC, initial)
 
 
 def film_of_world(model: FilmModel) -> FilmModel | RisingFilm:
-    """The film whose output a simulated meter reads: -log10 of a resistance, or any other quantity as it is."""
+    """Return the film whose output a simulated meter reads: -log10 of a resistance, or any other quantity as it is."""
     return RisingFilm(model) if model.output == "log10_ohm" else model

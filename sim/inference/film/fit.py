@@ -69,7 +69,8 @@ def identify_film(
     output_name: str = "minus_log10_ohm",
     seed: int = 0,
 ) -> FilmFit:
-    """The film model of one record. Arrays of shape (samples,): s, degC, and the output, nan where there is none.
+    """Return the film model of one record. Arrays of shape (samples,): s, degC, and the output, nan where there is
+    none.
 
     output_time_s: when each output was read, where that differs from its row's time. kind: None chooses between
     "extended_generalized_pi" and "mixed_envelopes" by held-out rows; "generalized_pi" has no D. form: of D, None
@@ -106,7 +107,7 @@ def identify_film_records(
     output_name: str = "minus_log10_ohm",
     seed: int = 0,
 ) -> FilmFit:
-    """One film model for several records, each with its own memory; arguments as for `identify_film`."""
+    """Return one film model for several records, each with its own memory; arguments as for `identify_film`."""
     if not records:
         raise ValueError("records: none given, expected at least one")
     if kind not in (None, "extended_generalized_pi", "generalized_pi", "mixed_envelopes"):
@@ -183,7 +184,7 @@ def _identified(
 
 
 def _odd(records: Sequence[FilmRecord], output_name: str) -> tuple[str, ...]:
-    """Lines on readings that cannot be what was measured."""
+    """Return lines on readings that cannot be what was measured."""
     told = []
     for record in records:
         given = (record.time_s, record.temperature_degC, record.output)
@@ -209,7 +210,7 @@ def _share_that_rises(records: Sequence[Prepared], free: bool) -> float:
 
 
 def _likely_end(record: Prepared) -> Initial:
-    """The end of the sweep that the record begins nearer to."""
+    """Return the end of the sweep that the record begins nearer to."""
     middle = 0.5 * (float(np.min(record.inputs)) + float(np.max(record.inputs)))
     return "cooled" if record.inputs[0] >= middle else "heated"
 
@@ -217,7 +218,7 @@ def _likely_end(record: Prepared) -> Initial:
 def _at_best(
     rows: Rows, starts: Sequence[FilmStart], structure: Structure, forms: Sequence[Form], found: dict[Form, Solution]
 ) -> tuple[Problem, Array]:
-    """The problem with the form of D that fits best, and what the search found for it."""
+    """Return the problem with the form of D that fits best, and what the search found for it."""
     best = min(forms, key=lambda form: found[form].square)
     return make_problem(build_path(rows.records, starts, rows.thin), structure, best), found[best].theta
 
@@ -230,7 +231,7 @@ def _fit_memories(
     found: dict[Form, Solution],
     seed: int,
 ) -> tuple[list[FilmStart], dict[Form, Solution]]:
-    """The memories with which the records began, and the search repeated with them where they are others."""
+    """Return the memories with which the records began, and the search repeated with them where they are others."""
     problem, theta = _at_best(rows, starts, structure, forms, found)
     chosen = remembered(rows.records, rows.thin, starts, problem, theta, begun)
     if chosen == starts:
@@ -258,7 +259,8 @@ def _fit_gaps(
     found: dict[Form, Solution],
     seed: int,
 ) -> tuple[list[FilmStart], dict[Form, Solution]]:
-    """What the film went through where rows are missing, and the search repeated with it where that is something."""
+    """Return what the film went through where rows are missing, and the search repeated with it where that is
+    something."""
     for _ in range(GAP_SEARCHES):
         problem, theta = _at_best(rows, starts, structure, forms, found)
         other = remembered(rows.records, rows.thin, starts, problem, theta, through_unseen)
@@ -271,7 +273,7 @@ def _fit_gaps(
 
 
 def plain_model(fit: PlainFit, kind: str, output_name: str, initial: Initial) -> FilmModel:
-    """The fit as a model with one pair of envelopes; operators without weight are left out."""
+    """Return the fit as a model with one pair of envelopes; operators without weight are left out."""
     problem, solution, theta = fit.problem, fit.solution, fit.solution.theta
     radii, _ = problem.structure.radii(problem.shapes(theta))
     a_r, a_l = math.exp(theta[0]), math.exp(theta[2])

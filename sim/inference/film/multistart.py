@@ -30,7 +30,7 @@ GAIN: Final = 0.03  # of the mean square that another memory brings: what the mo
 
 
 def envelope_bounds(path: Path, groups: int) -> tuple[Array, Array]:
-    """Least and largest (log a_R, c_R, log a_L, c_L) of every group, from the record's temperatures."""
+    """Return least and largest (log a_R, c_R, log a_L, c_L) of every group, from the record's temperatures."""
     low, high = float(np.min(path.inputs)), float(np.max(path.inputs))
     span = high - low
     least = np.array([math.log(0.5 / span), low - 0.5 * span] * 2)
@@ -39,7 +39,7 @@ def envelope_bounds(path: Path, groups: int) -> tuple[Array, Array]:
 
 
 def transition(path: Path) -> tuple[float, float]:
-    """Where the output changes: the middle and half-width (degC) of the central 80 % of its change per kelvin."""
+    """Return the middle and half-width (degC) of the central 80 % of the output's change per kelvin."""
     v = path.inputs[path.rows]
     edges = np.linspace(np.min(v), np.max(v), 61)
     density = slope_density(path, edges)
@@ -50,7 +50,7 @@ def transition(path: Path) -> tuple[float, float]:
 
 
 def _coarse_steps(path: Path, step_K: float) -> tuple[Array, Array, Array]:
-    """Between rows at least so much travel apart: the temperature, its change, the output's."""
+    """Return the temperature, its change and the output's between rows at least so much travel apart."""
     v, y = path.inputs[path.rows], path.output
     travel = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(v)))))
     coarse = np.flatnonzero(np.diff(np.floor(travel / step_K), prepend=-1.0) > 0)
@@ -74,9 +74,9 @@ def slope_density(path: Path, edges: Array, sense: float | None = None) -> Array
 
 
 def even_points(count: int, dimensions: int, seed: int) -> Array:
-    """Points that fill the unit cube evenly, shape (count, dimensions): multiples of the powers of 1/x, x the root
-    of x^(d+1) = x + 1, from a random origin (H. Niederreiter, Random Number Generation and Quasi-Monte Carlo Methods
-    (SIAM 1992), ch. 3, on such lattices)."""
+    """Return points that fill the unit cube evenly, shape (count, dimensions): multiples of the powers of 1/x, x the
+    root of x^(d+1) = x + 1, from a random origin (H. Niederreiter, Random Number Generation and Quasi-Monte Carlo
+    Methods (SIAM 1992), ch. 3, on such lattices)."""
     root = 2.0
     for _ in range(40):
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
@@ -86,7 +86,7 @@ def even_points(count: int, dimensions: int, seed: int) -> Array:
 
 
 def starting_points(problem: Problem, count: int, seed: int) -> Array:
-    """Starts over the bounds, shape (count, parameters): slopes on a log scale, centres drawn to the transition."""
+    """Return starts over the bounds, shape (count, parameters): slopes on a log scale, centres near the transition."""
     groups = problem.structure.groups
     middle, half = transition(problem.path)
     dimensions = problem.low.size
@@ -113,7 +113,7 @@ def search(
     seed: int = 0,
     extra: Sequence[Array] = (),
 ) -> dict[Form, Solution]:
-    """The best fit for each form of D; `extra`: envelope parameters (4 groups,) known to be good."""
+    """Return the best fit for each form of D; `extra`: envelope parameters (4 groups,) known to be good."""
     low, high = envelope_bounds(path, structure.groups)
     problems = {form: Problem(path, structure, form, low, high) for form in forms}
     largest = max(problems.values(), key=lambda problem: problem.low.size)
@@ -131,13 +131,13 @@ def search(
 
 
 def _within(problem: Problem, drawn: Array) -> Array:
-    """D's nonlinear parameters from a draw made for the form with the most of them."""
+    """Return D's nonlinear parameters from a draw made for the form with the most of them."""
     count = problem.low.size - problem.split
     return np.clip(drawn[:count], problem.low[problem.split :], problem.high[problem.split :])
 
 
 def _several(problem: Problem, solutions: list[Solution]) -> list[Solution]:
-    """The best few local minima near the best of many solutions, best first."""
+    """Return the best few local minima near the best of many solutions, best first."""
     best = sorted(solutions, key=lambda solution: solution.square)[:REFINED]
     near = sorted((problem.refine(solution, steps=8) for solution in best), key=lambda solution: solution.square)
     if problem.low.size > problem.split:  # D's own shape has local minima: try others beside good envelopes
@@ -164,7 +164,7 @@ def _refined(problem: Problem, solutions: list[Solution]) -> Solution:
 
 
 def _other_forms(problem: Problem, envelopes: Array) -> list[Solution]:
-    """The two best of many shapes of D beside given envelopes, shape (4 groups,)."""
+    """Return the two best of many shapes of D beside given envelopes, shape (4 groups,)."""
     low, high = problem.low[problem.split :], problem.high[problem.split :]
     shapes = low + even_points(SHAPES, low.size, 0) * (high - low)
     operators, _ = problem.operators(np.append(envelopes, shapes[0]))
@@ -217,6 +217,6 @@ def mean_square(
     fit: Problem,
     theta: Array,
 ) -> float:
-    """What the fit at theta leaves of the chosen rows with other memories: the mean square."""
+    """Return what the fit at theta leaves of the chosen rows with other memories: the mean square."""
     path = build_path(records, starts, chosen)
     return Problem(path, fit.structure, fit.form, *envelope_bounds(path, fit.structure.groups)).solve(theta).square

@@ -43,11 +43,11 @@ class Linearized(Protocol):
         ...
 
     def at(self, path: Path) -> Array:
-        """Prediction at the path's readings, shape (readings,)."""
+        """Return the prediction at the path's readings, shape (readings,)."""
         ...
 
     def play_outputs(self, path: Path) -> Array:
-        """Operator outputs at the path's readings, shape (readings, operators)."""
+        """Return operator outputs at the path's readings, shape (readings, operators)."""
         ...
 
     @property
@@ -56,7 +56,7 @@ class Linearized(Protocol):
         ...
 
     def jacobian(self, path: Path) -> Array:
-        """d prediction / d parameters at the path's readings, shape (readings, parameters)."""
+        """Return d prediction / d parameters at the path's readings, shape (readings, parameters)."""
         ...
 
 
@@ -76,8 +76,9 @@ class Uncertainty:
         return self.covariance.standard_errors[:count]
 
     def half_width(self, path: Path) -> Array:
-        """Half the width of the 95 % band of the model's own curve at the path's readings, shape (readings,); inf where
-        the path has moved in a sense that the records do not fix, until it has gone beyond all of it in the other."""
+        """Return half the width of the 95 % band of the model's own curve at the path's readings, shape (readings,);
+        inf where the path has moved in a sense that the records do not fix, until it has gone beyond all of it in the
+        other."""
         jacobian = self.fitted.jacobian(path)
         square = np.sum((jacobian @ self.covariance.matrix) * jacobian, axis=1)
         half = NORMAL_95 * np.sqrt(np.maximum(square, 0.0))
@@ -85,7 +86,7 @@ class Uncertainty:
 
 
 def uncertainty(fitted: Linearized, path: Path, residual: Array) -> Uncertainty:
-    """From the rows of the fit and their residuals."""
+    """Return the uncertainty of a fit, from its rows and their residuals."""
     covariance = block_sandwich(fitted.jacobian(path), residual, precision=fitted.precision)
     taken = {int(side) for side in np.unique(path.side)}
     unfixed = set()
@@ -97,7 +98,7 @@ def uncertainty(fitted: Linearized, path: Path, residual: Array) -> Uncertainty:
 
 
 def _astray(path: Path, open_sides: frozenset[int]) -> NDArray[np.bool_]:
-    """Rows at which the film remembers a move that the records do not fix, shape (rows of the path,).
+    """Return rows at which the film remembers a move that the records do not fix, shape (rows of the path,).
 
     Beyond the furthest that it came in the other sense a film forgets all that was in between.
     """
@@ -184,7 +185,7 @@ class FilmFit:
         start: FilmStart | None = None,
         temperature_noise_K: float | None = None,
     ) -> Prediction:
-        """The output over a record, driven by the path behind its temperature; `start` defaults to the model's.
+        """Return the output over a record, driven by the path behind its temperature; `start` defaults to the model's.
 
         time_s (increasing), temperature_degC (nan: no reading): shape (samples,). Raises ValueError with one line for
         columns that cannot be used, or a noise that is none.
@@ -205,7 +206,7 @@ class FilmFit:
 
 
 def memory_at_start(model: FilmModel, start: FilmStart, first_degC: float) -> Memory:
-    """The film's memory at a record's first row (degC)."""
+    """Return the film's memory at a record's first row (degC)."""
     if start.previous_degC is None:
         return model.initial_memory(first_degC, start.initial)
     memory = model.initial_memory(start.previous_degC, start.initial)

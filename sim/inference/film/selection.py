@@ -57,14 +57,14 @@ class Rows:
     held: list[NDArray[np.bool_]]
 
     def thinner(self, most: int, of: Sequence[NDArray[np.bool_]] | None = None) -> list[NDArray[np.bool_]]:
-        """At most about `most` of some rows, default all, shared among the records."""
+        """Return at most about `most` of some rows, default all, shared among the records."""
         share = max(most // len(self.records), 60)
         chosen = of if of is not None else [record.used for record in self.records]
         return [thinned(record, part, share) for record, part in zip(self.records, chosen, strict=True)]
 
 
 def share_out(records: Sequence[Prepared]) -> Rows:
-    """The rows of the records, a third of them held out."""
+    """Return the rows of the records, a third of them held out."""
     held = [held_out_blocks(record) for record in records]
     rows = Rows(list(records), held, [record.used & ~out for record, out in zip(records, held, strict=True)], held)
     return replace(rows, thin=rows.thinner(GLOBAL_ROWS))
@@ -76,7 +76,7 @@ def make_problem(path: Path, structure: Structure, form: Form) -> Problem:
 
 
 def rms(values: Array) -> float:
-    """Root of the mean square."""
+    """Return the root of the mean square."""
     return math.sqrt(float(np.mean(values**2)))
 
 

@@ -183,7 +183,7 @@ class PlateRows:
 
     @classmethod
     def of(cls, records: Sequence[PlateRecord]) -> PlateRows:
-        """The records checked and joined. Raises ValueError, one line, for one that cannot be used."""
+        """Return the records checked and joined. Raises ValueError, one line, for one that cannot be used."""
         parts, stretches, lengths, outliers, rows, end_s = [], [], [], 0, 0, 0.0
         for number, record in enumerate(records):
             time, temperature, current = _checked(record)
@@ -214,7 +214,7 @@ class PlateRows:
 
 
 def _checked(record: PlateRecord) -> tuple[Array, Array, Array]:
-    """Time, temperature and current of a record that can be used."""
+    """Return time, temperature and current of a record that can be used."""
     name, columns = record.name, ("time_s", "temperature_degC", "current_A")
     time, temperature, current = checked_columns({c: getattr(record, c) for c in columns}, name).values()
     finite = temperature[np.isfinite(temperature)]
@@ -279,7 +279,7 @@ def identify_plate_records(
 
 
 def _odd(records: Sequence[PlateRecord]) -> tuple[str, ...]:
-    """Lines on temperatures that cannot be what was measured."""
+    """Return lines on temperatures that cannot be what was measured."""
     columns = []
     for record in records:
         time, degC = (np.asarray(values, dtype=np.float64) for values in (record.time_s, record.temperature_degC))
@@ -307,11 +307,11 @@ class _Problem:
         self._nodes: dict[bool, Nodes] = {}
 
     def shown(self, unknowns: Array) -> Array:
-        """What the thermometer shows without noise, (used readings,)."""
+        """Return what the thermometer shows without noise, (used readings,)."""
         return self.simulated(unknowns)[self.used]
 
     def simulated(self, unknowns: Array) -> Array:
-        """The same in every row, (rows,)."""
+        """Return the same in every row, (rows,)."""
         rows = self.rows
         links = self._links(float(unknowns[self.split - 1])) if self.lag else Links()
         if self.lag not in self._nodes:
@@ -324,7 +324,7 @@ class _Problem:
         return run.shown_degC
 
     def course(self, unknowns: Array, noise: Noise, readings: Readings) -> Array:
-        """The plate's temperature in each row: simulated, and what the readings say beyond that, degC, (rows,)."""
+        """Return the plate's temperature in each row: simulated, and what the readings say beyond that, degC, (rows,)."""
         plain = np.delete(unknowns, self.split - 1) if self.lag else unknowns
         alone = self if not self.lag else _Problem(self.rows, self.kind, False, self.slopes)
         plate = alone.simulated(plain)
@@ -338,13 +338,13 @@ class _Problem:
         return links_of((switched(SENSOR_LAG, {"tau_s": lag_s}),))
 
     def residual(self, unknowns: Array) -> Array:
-        """Measured less modelled, K, (used readings,); large where a trial runs away."""
+        """Return measured less modelled, K, (used readings,); large where a trial runs away."""
         left = self.rows.temperature_degC[self.used] - self.shown(unknowns)
         return np.where(np.isfinite(left), left, 1e6)
 
     def jacobian(self, unknowns: Array, residual: Array) -> Array:
-        """d residual / d unknowns, (used readings, unknowns). The first temperatures share one simulation: each acts on
-        its own stretch."""
+        """Return d residual / d unknowns, (used readings, unknowns). The first temperatures share one simulation: each
+        acts on its own stretch."""
         columns = []
         for k in range(self.split):
             step = 1e-5 * max(abs(unknowns[k]), 1e-3)
@@ -359,8 +359,8 @@ class _Problem:
         return np.stack(columns, axis=1)
 
     def priors(self, unknowns: Array) -> tuple[Array, Array]:
-        """How far the unknowns are from what is known beforehand, in deviations, and the derivatives: first what plates
-        have in common, then what is known of the slopes."""
+        """Return how far the unknowns are from what is known beforehand, in deviations, and the derivatives: first what
+        plates have in common, then what is known of the slopes."""
         away, rows = [], []
 
         def expected(value: float, prior: tuple[float, float], by: dict[int, float]) -> None:
@@ -382,7 +382,7 @@ class _Problem:
         return np.array(away), np.stack(rows)
 
     def descend(self, unknowns: Array, whitening: Whitening, evaluations: int) -> tuple[Array, float]:
-        """The unknowns of the highest posterior density near some, and half of what it is penalized by there."""
+        """Return the unknowns of the highest posterior density near some, and half of what it is penalized by there."""
 
         def white(x: Array) -> Array:
             return np.concatenate((whitening.of(self.residual(x)), self.priors(x)[0]))
@@ -406,7 +406,7 @@ class _Point:
 
 
 def _plain(rows: PlateRows, kind: Kind, slopes: bool) -> _Point:
-    """The likeliest plate without a lag of the thermometer."""
+    """Return the likeliest plate without a lag of the thermometer."""
     return _likeliest(_started(_Problem(rows, kind, False, slopes)))
 
 
@@ -417,7 +417,7 @@ def _readings(problem: _Problem) -> Readings:
 
 
 def _started(problem: _Problem) -> _Point:
-    """The best of several starts, by the simulation error alone: no discrepancy stands in for a bad start."""
+    """Return the best of several starts, by the simulation error alone: no discrepancy stands in for a bad start."""
     rows, readings = problem.rows, _readings(problem)
     temperature = rows.temperature_degC[problem.used]
     moves = np.diff(temperature)
@@ -439,7 +439,7 @@ def _started(problem: _Problem) -> _Point:
 
 
 def _measured(problem: _Problem, unknowns: Array, readings: Readings, most_slow: float) -> _Point:
-    """The point with the noise that its residual shows, readings far out weighing less."""
+    """Return the point with the noise that its residual shows, readings far out weighing less."""
     residual = problem.residual(unknowns)
     for _ in range(3):
         noise = estimate(residual, readings, LEAST_NOISE_K, most_slow)
@@ -454,13 +454,13 @@ def _measured(problem: _Problem, unknowns: Array, readings: Readings, most_slow:
 
 
 def _likeliest(at: _Point) -> _Point:
-    """The point of the highest likelihood with the noise of a point near it, and its own noise."""
+    """Return the point of the highest likelihood with the noise of a point near it, and its own noise."""
     unknowns, _ = at.problem.descend(at.unknowns, Whitening(at.noise, at.readings), 40)
     return _measured(at.problem, unknowns, at.readings, at.most_slow)
 
 
 def _with_lag(plain: _Point) -> _Point:
-    """The best fit with a lagging thermometer, where it is worth its price; else the one without."""
+    """Return the best fit with a lagging thermometer, where it is worth its price; else the one without."""
     problem = _Problem(plain.problem.rows, plain.problem.kind, True, plain.problem.slopes)
     best, split = plain, plain.problem.split
     whitening = Whitening(plain.noise, plain.readings)
@@ -510,7 +510,7 @@ def _result(at: _Point) -> PlateFit:
 
 
 def _by_record(rows: PlateRows, values: Array) -> tuple[Array, ...]:
-    """Values of all rows in those of each record, nan in rows of no stretch."""
+    """Return values of all rows in those of each record, nan in rows of no stretch."""
     lengths = rows.lengths
     found = [np.full(length, np.nan) for length in lengths]
     for first_row, (number, first, last) in zip(rows.first_rows.tolist(), rows.stretches, strict=True):

@@ -51,7 +51,7 @@ def plate_notes(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], 
 
 
 def _wrong_current(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], PlateFit]) -> list[str]:
-    """A line where a heater, or a plate that is never cooled, explains what a Peltier plate does not."""
+    """Return a line where a heater, or a plate that is never cooled, explains what a Peltier plate does not."""
     if fit.model.kind != "peltier" or fit.rmse_K <= MORE_THAN_NOISE * max(fit.noise.white, LEAST_NOISE_K):
         return []
     if not np.any(current_A < 0.0):
@@ -93,7 +93,7 @@ def constant_drive(current_A: Array, kind: Kind) -> str:
 
 
 def _left_open(fit: PlateFit, current_A: Array) -> list[str]:
-    """What the parameters' intervals and the current's course say."""
+    """Return what the parameters' intervals and the current's course say."""
     notes, kind = [], fit.model.kind
     largest = float(np.max(np.abs(current_A)))
     g = fit.model.conductance_over_capacity_per_s

@@ -55,7 +55,7 @@ class Forc:
     reason: str = ""
 
     def peak(self) -> tuple[float, float, float] | None:
-        """(T_r, T, rho) where rho is largest; None where it is nowhere."""
+        """Return (T_r, T, rho) where rho is largest; None where it is nowhere."""
         if not np.any(np.isfinite(self.density)):
             return None
         i, j = np.unravel_index(int(np.nanargmax(self.density)), self.density.shape)
@@ -86,7 +86,7 @@ def forc(time_s: ArrayLike, temperature_degC: ArrayLike, output: ArrayLike, *, i
 
 
 def _pairs(runs: list[Run], v: Array) -> list[tuple[Run, Run]]:
-    """(run along a major branch, the run after its reversal), of all runs in the order of time.
+    """Return (run along a major branch, the run after its reversal), of all runs in the order of time.
 
     A run is on the major branch where it begins at the end of the record's range that is opposite to its sense.
     """
@@ -101,7 +101,7 @@ def _pairs(runs: list[Run], v: Array) -> list[tuple[Run, Run]]:
 
 
 def _inside(curves: list[tuple[float, Array, Array]], v: Array) -> int:
-    """How many curves have a T_r of their own, and are not the other major branch."""
+    """Return how many curves have a T_r of their own, and are not the other major branch."""
     own = [curve[0] for curve in curves if np.ptp(curve[1]) < WHOLE * np.ptp(v)]
     return int(np.unique(np.round(np.array(own) / (0.005 * np.ptp(v)))).size) if own else 0
 
@@ -112,7 +112,7 @@ def _nothing(sense: Sense, reversal: Array, reason: str) -> Forc:
 
 
 def _diagram(sense: Sense, curves: list[tuple[float, Array, Array]], v: Array, factor: float) -> Forc:
-    """The local fits over the grid; factor: of the mixed derivative."""
+    """Return the local fits over the grid; factor: of the mixed derivative."""
     reversal = np.array([curve[0] for curve in curves])
     order = np.unique(np.round(np.sort(reversal), 6))
     apart = APART * float(np.median(np.diff(order)))
@@ -138,8 +138,9 @@ def _diagram(sense: Sense, curves: list[tuple[float, Array, Array]], v: Array, f
 
 
 def _mixed(a: Array, b: Array, z: Array, curve: NDArray[np.int64]) -> tuple[float, float]:
-    """The coefficient of a b in a local fit of the second degree, and its standard error: residuals of one curve are
-    taken to be as alike as they are (a sandwich over the curves: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986) 13)."""
+    """Return the coefficient of a b in a local fit of the second degree, and its standard error: residuals of one curve
+    are taken to be as alike as they are (a sandwich over the curves: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986)
+    13)."""
     weight = ((1.0 - a * a) * (1.0 - b * b)) ** 2
     columns = np.stack([np.ones_like(a), a, b, a * a, b * b, a * b], axis=1)
     normal = columns.T @ (weight[:, None] * columns)

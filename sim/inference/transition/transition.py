@@ -143,7 +143,7 @@ class Transition:
     range_degC: tuple[float, float]
 
     def rates_K_per_s(self) -> dict[Sense, float]:
-        """The median rate of each branch, > 0."""
+        """Return the median rate of each branch, > 0."""
         return {sense: shape.branch.rate_K_per_s for sense, shape in self.shapes.items()}
 
     def derivatives(self) -> dict[Sense, tuple[Array, Array, Array]]:
@@ -157,7 +157,8 @@ class Transition:
         return found
 
     def shift_K(self, lag_s: float) -> float:
-        """By how much a thermometer's lag behind the film makes the loop look narrower; a film's behind it, wider."""
+        """Return by how much a thermometer's lag behind the film makes the loop look narrower; a film's behind it,
+        wider."""
         return lag_s * sum(self.rates_K_per_s().values())
 
 
