@@ -131,7 +131,7 @@ class Chain:
     def measure(
         self, state: ChainState, time_s: Array, plate_degC: Array, test_current_A: Array
     ) -> tuple[Stretch, ChainState]:
-        """Return the stretch of thermometer, film and ohmmeter over a given course of the plate, and the state there."""
+        """Return the stretch of thermometer, film and ohmmeter over a course of the plate, and the state there."""
         shown, state = self.thermometer(state, time_s, plate_degC)
         return self.read(state, time_s, plate_degC, shown, test_current_A)
 

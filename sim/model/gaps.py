@@ -24,8 +24,8 @@ Rows = NDArray[np.int64]
 
 
 def gap_threshold(steps_s: Array) -> float:
-    """Return the step above which steps are gaps: 1.5 medians, or, where sampling is uneven, 1.5 times the 95th percentile.
-    Sampling is uneven where many steps are long, or are no multiples of the median."""
+    """Return the step above which steps are gaps: 1.5 medians, or, where sampling is uneven, 1.5 times the 95th
+    percentile. Sampling is uneven where many steps are long, or are no multiples of the median."""
     median = float(np.median(steps_s))
     medians = steps_s / median
     if np.mean(medians > GAP) > 0.1 or np.mean(np.abs(medians - np.round(medians)) < 0.1) < 0.9:

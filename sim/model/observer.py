@@ -111,8 +111,8 @@ class Observer:
         elapsed_s: float = math.nan,
         drive_error: float = 0.0,
     ) -> ObserverState:
-        """Return the state after some time in driver, plate and thermometer; film and ohmmeter stay where they were, until
-        `followed`.
+        """Return the state after some time in driver, plate and thermometer; film and ohmmeter stay where they were,
+        until `followed`.
 
         unknown_K_per_s: heating of the plate that the model does not know of. elapsed_s: nan: a period. drive_error: by
         what share the drive heats and cools more than the model says.
@@ -123,7 +123,8 @@ class Observer:
     def followed(
         self, state: ObserverState, plate_degC: float, thermometer_degC: float, test_current_A: float = 0.0
     ) -> ObserverState:
-        """Return the state with plate and thermometer corrected to these, and film and ohmmeter brought up to them. test_current_A: of the ohmmeter, through the film."""
+        """Return the state with plate and thermometer corrected to these, and film and ohmmeter brought up to them.
+        test_current_A: of the ohmmeter, through the film."""
         chain, at = self._chain, state.chain
         off_K = thermometer_degC - state.thermometer_degC
         filters = tuple(f + off_K for f in at.thermometer) if off_K != 0.0 else at.thermometer

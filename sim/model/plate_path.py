@@ -69,8 +69,8 @@ class PlatePath:
 
 @njit
 def _cubic(x: Any, begin: Any, change: Any, p: Any, q: Any) -> Any:
-    """Return the cubic between two nodes, x from 0 to 1, with slopes p and q over the whole at its ends (Hermite); numbers or
-    arrays. Compiled, it does not warn where a trial's steps are without an end."""
+    """Return the cubic between two nodes, x from 0 to 1, with slopes p and q over the whole at its ends (Hermite);
+    numbers or arrays. Compiled, it does not warn where a trial's steps are without an end."""
     bend = 3.0 * change - 2.0 * p - q
     return begin + x * (p + x * (bend + x * (p + q - 2.0 * change)))
 

@@ -59,8 +59,8 @@ class RecordRun:
         return self.film(record, path, own).output
 
     def film(self, record: Recorded, path: PlatePath, own: RecordOwn, memory: Any = None) -> FilmRun:
-        """Return the run of film and ohmmeter on a course of the plate. memory: the film's, before its first temperature; None:
-        that of `own`."""
+        """Return the run of film and ohmmeter on a course of the plate. memory: the film's, before its first
+        temperature; None: that of `own`."""
         film, links = self.model.film, self.links
         assert film is not None
         test = record.test_current_A if record.test_current_A is not None else np.zeros(record.time_s.size)
@@ -83,8 +83,8 @@ class RecordRun:
 def run_plate(
     record: Recorded, links: Links, par: Array, own: RecordOwn, spacing: Spacing, inputs: Mapping[str, float]
 ) -> PlateRun:
-    """Return the run of driver, plate and thermometer over a record. par: as for `simulate_plate`; the room is that of `own`.
-    inputs: how fast one unit of each heats, K/s, by name (`sim.model.inputs`)."""
+    """Return the run of driver, plate and thermometer over a record. par: as for `simulate_plate`; the room is that of
+    `own`. inputs: how fast one unit of each heats, K/s, by name (`sim.model.inputs`)."""
     anew, par = anew_rows(record), par.copy()
     par[AMBIENT] = own.ambient_degC
     at_rest, none = np.full(anew.size, np.nan), np.zeros(anew.size)

@@ -104,8 +104,8 @@ class PreisachFilm:
         decades: float = 1.5,
         memoryless: Memoryless | None = None,
     ) -> PreisachFilm:
-        """Return a film whose means are normal, half-widths lognormal (median halfwidth_K): a bell-shaped density. seed: of the
-        places of the relays (an additive recurrence of two steps, its shift drawn)."""
+        """Return a film whose means are normal, half-widths lognormal (median halfwidth_K): a bell-shaped density.
+        seed: of the places of the relays (an additive recurrence of two steps, its shift drawn)."""
         first, second = np.random.default_rng(seed).random(2)
         steps = np.arange(relays) + 0.5
         mean = mean_degC + spread_K * ndtri((first + steps / PLASTIC) % 1.0)

@@ -122,7 +122,7 @@ def _beginning(world: World, first_degC: float) -> RecordOwn:
 def _read(
     world: World, chain: RecordRun, record: Commanded, path: Any, shown_degC: Array, own: RecordOwn, memory: Any
 ) -> Readings:
-    """Return what the instruments make of the values, with their noise. The noise is that of `SimulatedPlant`'s seed."""
+    """Return what the instruments make of the values, with the noise of `SimulatedPlant`'s seed."""
     film = chain.film(record, path, own, memory)
     thermometer, ohmmeter = np.random.default_rng(world.seed).spawn(2)
     rows = record.time_s.size

@@ -218,7 +218,7 @@ def build_path(
 
 
 def held_out_blocks(record: Prepared, blocks: int = 90) -> NDArray[np.bool_]:
-    """Return rows to hold out: every third of short blocks of readings, so that each stretch of a sweep stays covered."""
+    """Return rows to hold out: every third of short blocks of readings, so that each stretch of a sweep is covered."""
     rows = np.flatnonzero(record.used)
     length = max(1, round(rows.size / blocks))
     held = np.zeros(record.used.size, dtype=np.bool_)

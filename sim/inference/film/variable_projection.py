@@ -69,7 +69,7 @@ def denser(structure: Structure, factor: int = 4) -> Structure:
 
 
 def merged(structure: Structure, weights: Array, most: int) -> Structure:
-    """Return only the operators with weight, neighbours joined at their common centre until there are at most `most`."""
+    """Return only the operators with weight, neighbours joined at their common centre down to at most `most`."""
     kept = weights > 1e-6 * float(np.sum(weights))
     if not np.any(kept):
         return Structure(structure.group[:1], structure.fractions[:1], structure.ordered)
@@ -201,7 +201,7 @@ class Problem:
 
     @staticmethod
     def _projected(active: Array, jacobian: Array, solution: Solution) -> tuple[Array, Array]:
-        """Return J'PJ and J'Pe, P the projector off the active columns: the lower right block of the common triangle."""
+        """Return J'PJ and J'Pe, P the projector off the active columns: the lower right of the common triangle."""
         common = np.concatenate((active, jacobian, solution.residual[:, None]), axis=1)
         first = active.shape[1]
         rest = triangle(common)[first:, first:]

@@ -324,7 +324,7 @@ class _Problem:
         return run.shown_degC
 
     def course(self, unknowns: Array, noise: Noise, readings: Readings) -> Array:
-        """Return the plate's temperature in each row: simulated, and what the readings say beyond that, degC, (rows,)."""
+        """Return the plate's temperature in each row, simulated and corrected by the readings, degC, (rows,)."""
         plain = np.delete(unknowns, self.split - 1) if self.lag else unknowns
         alone = self if not self.lag else _Problem(self.rows, self.kind, False, self.slopes)
         plate = alone.simulated(plain)

@@ -120,7 +120,7 @@ def _smooth(
 
 @njit
 def turning_points(values: Array, threshold: float) -> NDArray[np.int64]:
-    """Return indices of the turning points whose reversals exceed the threshold; the first and last row are among them."""
+    """Return indices of the turning points whose reversals exceed the threshold, first and last row included."""
     found = np.empty(values.size + 1, dtype=np.int64)
     found[0] = 0
     count, sense = 1, 0
