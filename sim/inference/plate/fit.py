@@ -43,7 +43,7 @@ from sim.inference.evidence import price
 from sim.inference.film.rows import FEWEST
 from sim.inference.levenberg_marquardt import least_squares
 from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, variances
-from sim.inference.plate.notes import far_off, plate_notes
+from sim.inference.plate.result import PlateFit, plate_notes
 from sim.inference.plate.starts import Stretch, rough_balances
 from sim.inference.readings.checked_columns import checked_columns
 from sim.inference.readings.odd_readings import Column, of_records
@@ -74,6 +74,7 @@ SHARE: Final = (0.4, 0.3)  # of the largest current in that of largest cooling, 
 LAG_STARTS_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
 SHORTEST_LAG_S: Final = 0.05  # less is within a row of any record
 LEAST_NOISE_K: Final = 1e-5  # a simulation without noise, to the rounding of its solver
+__all__ = ["PlateFit", "PlateRecord", "identify_plate", "identify_plate_records"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,49 +86,6 @@ class PlateRecord:
     temperature_degC: ArrayLike
     current_A: ArrayLike
     name: str = "record"
-
-
-@dataclass(frozen=True, eq=False)
-class PlateFit:
-    """The identified plate.
-
-    model; names, values, standard_errors: of the parameters, shape (parameters,), an error inf where the records fix
-    nothing; correlation: (parameters, parameters); lag_s: of the thermometer behind the plate, 0 where it was not asked
-    for or does not make the records likelier. first_degC: temperature at the start of each stretch, with `stretches`
-    its (record, first row, last row + 1). noise: of the thermometer, and of what the model lacks. rmse_K, max_abs_K: of
-    the simulation over all readings that count; outliers: number of readings that do not count in full;
-    identifiability: what the records cannot fix; longest_s: of the stretches. course_degC: the plate's likeliest
-    temperature in each row of each record, from the simulation and the readings; nan in rows of no stretch.
-    without_lag: the fit in which the thermometer does not lag, where this one does.
-    """
-
-    model: PlateModel
-    names: tuple[str, ...]
-    values: Array
-    standard_errors: Array
-    correlation: Array
-    first_degC: tuple[float, ...]
-    stretches: tuple[tuple[int, int, int], ...]
-    noise: Noise
-    log_likelihood: float
-    rmse_K: float
-    max_abs_K: float
-    outliers: int
-    identifiability: tuple[str, ...]
-    longest_s: float
-    lag_s: float = 0.0
-    course_degC: tuple[Array, ...] = ()
-    without_lag: PlateFit | None = None
-
-    @property
-    def noise_K(self) -> float:
-        """White noise of the thermometer."""
-        return self.noise.white
-
-    @property
-    def far_off(self) -> bool:
-        """Whether the model is off by far more than the thermometer's noise; one of `identifiability` says so."""
-        return far_off(self)
 
 
 @dataclass(frozen=True, eq=False)
