@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Final
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from compensator.hysteresis.functions import Array
-from sim.model.gaps import beyond_ends, there_and_back
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, longest_gaps
 from sim.model.recorded import Recorded
@@ -24,6 +24,8 @@ from sim.model.recorded import Recorded
 SEVERAL: Final = 12  # turning points before the first row that are tried, on either side
 MARGIN: Final = 0.25  # of the range of temperatures: so far beyond them may a film have turned round
 PASSES: Final = 2  # over the gaps: the turning points in one change the memory after the next
+TRIED: Final = 8  # temperatures on either side of a gap's ends
+NEAREST_K: Final = 0.1  # of them, beyond the ends: less is within a thermometer's error
 CLOSE_K: Final = 0.01  # to which a temperature is looked for
 Cost = Callable[[FilmStart], float]
 Gap = tuple[float, Array]  # the time (s) of the row after it, the temperatures (degC) of the rows at its ends
@@ -83,11 +85,11 @@ def through_gaps(start: FilmStart, gaps: Sequence[Gap], seen_degC: Array, cost: 
 
 def _through(start: FilmStart, gap: Gap, seen_degC: Array, cost: Cost, worth: float) -> FilmStart:
     end_s, ends = gap
-    lower, higher = beyond_ends(ends, seen_degC, MARGIN)
+    lower, higher = _beyond_ends(ends, seen_degC)
     best = start.turning(end_s, ())
     least = cost(best)
     known = dict(start.passed_degC).get(end_s, ())
-    for tried in ([(degC,) for degC in (*lower, *higher)], there_and_back(lower, higher)):
+    for tried in ([(degC,) for degC in (*lower, *higher)], _there_and_back(lower, higher)):
         again = [known] if len(known) == len(tried[0]) else []
         costs = {two: cost(start.turning(end_s, two)) for two in [*tried, *again]}
         passed = min(costs, key=costs.__getitem__)
@@ -109,6 +111,22 @@ def _through(start: FilmStart, gap: Gap, seen_degC: Array, cost: Cost, worth: fl
         if value + worth * more < least:
             best, least = other, value
     return best
+
+
+def _beyond_ends(ends_degC: Array, seen_degC: Array) -> tuple[list[float], list[float]]:
+    """Return where a film may have turned round in a gap, below and above the temperatures at its ends, the nearest
+    first. seen_degC: all temperatures of the record."""
+    below, above = float(np.min(ends_degC)), float(np.max(ends_degC))
+    low, high = float(np.min(seen_degC)), float(np.max(seen_degC))
+    beyond = MARGIN * (high - low)
+    lower = below - np.geomspace(NEAREST_K, max(below - low + beyond, 2.0 * NEAREST_K), TRIED)
+    higher = above + np.geomspace(NEAREST_K, max(high - above + beyond, 2.0 * NEAREST_K), TRIED)
+    return lower.tolist(), higher.tolist()
+
+
+def _there_and_back(lower: list[float], higher: list[float]) -> list[tuple[float, float]]:
+    """Return pairs of temperatures on both sides of a gap, every other one of `_beyond_ends`, in either order."""
+    return [*product(lower[::2], higher[::2]), *product(higher[::2], lower[::2])]
 
 
 def _least(cost: Callable[[float], float], bounds: tuple[float, float]) -> float:

@@ -19,13 +19,16 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel, drive_rate
-from sim.effects.effect import Filter, Switched, Warming
+from sim.effects.effect import Filter, Reading, Switched, Warming
 from sim.model.chain import Chain, ChainModel, ChainState
-from sim.model.links import Effects, warmed
-from sim.model.own_output import own_output_table
+from sim.model.film_side import Film
+from sim.model.links import Effects, Links, shown_output, warmed
 from sim.model.plate_balance import heat_flows, rate_K_per_s
 
 LAG_PARAMETER = "tau_s"
+COLDEST_DEGC, HOTTEST_DEGC = -50.0, 200.0  # between which films are used
+SWEEP, PLACES = 2001, 8001  # temperatures; outputs of the table, 1e-3 dec apart over 8 decades
+BEYOND_DEC = 1.0  # of what the film reaches, or what was shown: a disturbed estimate may lie outside
 Past = tuple[tuple[float, float], ...]
 Course = tuple[tuple[float, float], ...]
 
@@ -249,3 +252,34 @@ class Observer:
 def _lag_s(effects: Effects) -> float:
     """Return the sum of the lags' time constants."""
     return math.fsum(e.values().get(LAG_PARAMETER, 0.0) for e in effects if isinstance(e.effect.form, Filter))
+
+
+def own_output_table(links: Links, film: Film | None) -> tuple[Array, Array] | None:
+    """Return (what the ohmmeter shows, the film's own output), both -log10 R, increasing, shape (places,); None where
+    they are the same, or there is no film."""
+    readings = _readings(links)
+    if film is None or not readings:
+        return None
+    up = np.linspace(COLDEST_DEGC, HOTTEST_DEGC, SWEEP)
+    reach = np.concatenate([film.simulate(v, film.initial_memory(float(v[0])))[0] for v in (up, up[::-1])])
+    return _table(readings, float(reach.min()), float(reach.max()))
+
+
+def own_output(links: Links, shown: Array) -> Array:
+    """Return the film's own output for what an ohmmeter without a lag showed, both -log10 R, shape (readings,)."""
+    readings = _readings(links)
+    if not readings or not shown.size:
+        return shown
+    return np.asarray(np.interp(shown, *_table(readings, float(shown.min()), float(shown.max()))), dtype=np.float64)
+
+
+def _readings(links: Links) -> list[Switched]:
+    return [e for e in (*links.ohmmeter, *links.readings) if isinstance(e.effect.form, Reading)]
+
+
+def _table(readings: list[Switched], low: float, high: float) -> tuple[Array, Array]:
+    own = np.linspace(low - BEYOND_DEC, high + BEYOND_DEC, PLACES)
+    shown = own
+    for e in readings:
+        shown = shown_output(e, shown)
+    return np.maximum.accumulate(shown), own
