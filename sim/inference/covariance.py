@@ -25,8 +25,8 @@ NORMAL_95: Final = 1.959963984540054  # standard deviations to either side hold 
 MOST_BLOCKS: Final = 200  # these tell a spread to 5 %: 1 / sqrt(2 blocks)
 FEWEST_BLOCKS: Final = 12  # these tell a spread to 20 %
 UNKNOWN: Final = 3e-7  # relative size of a singular value below which a combination is not determined
-ALONE: Final = 0.05  # of a combination is left without a block: with less the block alone determines it, and no other
-# row can say how wrongly
+ALONE: Final = 0.05  # share of a block's leverage that is not taken off: where a block alone determines a combination,
+# no other row can say how wrongly, and all of it taken off would leave nothing to divide by
 
 
 def correlation_rows(residual: Array) -> float:
@@ -108,5 +108,9 @@ def block_sandwich(
 
 def _score(columns: Array, residual: Array) -> Array:
     """Return what a block of rows adds to the estimate, beside all others. columns: in which H is the identity."""
-    left, s, right = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray((s / np.maximum(1.0 - s**2, ALONE) * (left.T @ residual)) @ right, dtype=np.float64)
+    share = 1.0 - ALONE
+    if residual.size > columns.shape[1]:
+        other = np.eye(columns.shape[1]) - share * columns.T @ columns
+        return np.asarray(np.linalg.solve(other, columns.T @ residual), dtype=np.float64)
+    other = np.eye(residual.size) - share * columns @ columns.T
+    return np.asarray(columns.T @ np.linalg.solve(other, residual), dtype=np.float64)
