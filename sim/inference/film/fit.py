@@ -2,11 +2,10 @@
 
     u(t) = D(v(t)) + sum_j p_j F_rj^gamma[v](t),   p_j >= 0            paper eq (9)
 
-The way: check the records and find the path behind the noisy temperature (`rows`, `temperature_smoother`); search
-globally on thinned rows for each form of D and the memory that each record began with (`multistart`), or had after a
-gap (`memory`); choose the form, and whether operators with mixed envelopes are worth it (`mixed_envelopes`), by
-rows that were held out (`model_selection`); refine the winner on all rows; say how sure it is (`prediction_bands`) and
-what the records cannot fix (`identifiability`).
+The fit checks the records and finds the path behind the noisy temperature (`rows`, `temperature_path`); searches
+globally on thinned rows for each form of D and for each record's memory at its first row and after gaps (`multistart`,
+`memory`); chooses the form, and whether a Preisach density is worth it, by rows that were held out (`selection`);
+refines the winner on all rows; says how sure it is (`result`) and what the records cannot fix (`notes`).
 """
 
 from __future__ import annotations
