@@ -424,7 +424,7 @@ def _activation(shapes: Sequence[BranchShape]) -> Activation:
         log = -np.mean([shape.output[part] for shape in shapes], axis=0)
         drawn = -np.mean([shape.draws[:, part] for shape in shapes], axis=0)
         energy, draws, apart, apart_draws = _energies(degC[part], log, drawn)
-        quantity = told(energy, draws, abs(apart))
+        quantity = told(energy, draws, NORMAL_95 * abs(apart))
         assert quantity.ci95 is not None
         if quantity.ci95[0] <= 0.0:
             quantity = untold(f"the resistance does not fall with temperature between {low:.1f} and {high:.1f} degC")
