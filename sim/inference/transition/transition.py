@@ -41,6 +41,7 @@ NEAR_WIDTHS: Final = 1.5  # of the width to either side of the peak: where it is
 DEGREE: Final = 5  # of the fit in a window as wide as the transition's own peak (docs/decisions.md, 9)
 FIRST_SHARE: Final = 0.1  # of the branch's range: the first window's half width
 WINDOW_WIDTHS: Final = 0.5  # of the width, to either side: the bias of the steepest place is then 1e-3 of the width
+MIDDLE_SHARE: Final = 0.15  # of the window: a value of the fitted curve follows the nearest few readings
 FEWEST_PLACES: Final = 4.0  # of the grid, to either side: more than the fit's coefficients
 DRAWS: Final = 400  # tell the ends of a 95 % interval to 5 % of its width
 UNSURE: Final = 0.5  # of the width: a steepest place that is known no better is none
@@ -90,8 +91,8 @@ class BranchShape:
     slope's 95 % band; draws of the output, shape (draws, places).
 
     window_K: half width of the derivative's window. steepest_degC, width_K: the place and the full width at half
-    maximum of the slope's peak, with draws of the first, shape (draws,). shift_K: draws of what the thermometer's
-    rounding does to all temperatures about the peak, shape (draws,).
+    maximum of the slope's peak, with draws of the first, shape (draws,). rows_degC, rounded_K: temperatures of the
+    readings, shape (rows,), and draws of what the thermometer's rounding adds to them, shape (draws, rows).
     """
 
     branch: MajorBranch
@@ -104,19 +105,21 @@ class BranchShape:
     steepest_degC: Quantity
     width_K: Quantity
     steepest_draws: Array
-    shift_K: Array
+    rows_degC: Array
+    rounded_K: Array
 
     def midpoint(self) -> tuple[Quantity, Array]:
         """Return where the output is halfway between its values at both ends, and draws of it."""
         level = 0.5 * (self.output[0] + self.output[-1])
         over = np.flatnonzero((self.output[:-1] - level) * (self.output[1:] - level) <= 0.0)
         if not over.size or self.output[over[0]] == self.output[over[0] + 1]:
-            return untold("the branch does not go through the middle between its ends"), self.shift_K
+            return untold("the branch does not go through the middle between its ends"), self.steepest_draws
         k = int(over[0])
         slope = float(self.output[k + 1] - self.output[k]) / float(self.degC[k + 1] - self.degC[k])
         found = float(self.degC[k]) + float(level - self.output[k]) / slope
         moved = (self.draws - self.output)[:, k] - 0.5 * (self.draws - self.output)[:, [0, -1]].sum(axis=1)
-        draws = found - moved / slope + self.shift_K
+        near = MIDDLE_SHARE * self.window_K
+        draws = found - moved / slope + _mean_about(self.rows_degC, self.rounded_K, found, near)
         return told(found, draws), draws
 
 
@@ -260,8 +263,7 @@ def _shape(
     operator = sign * window_slopes(degC, near, window)
     around = operator @ output
     drawn = around + noise @ operator.T
-    about = np.abs(rows_degC - peak) <= max(window, float(np.min(np.abs(rows_degC - peak))))
-    shift = np.mean(rounded[:, about], axis=1)
+    shift = _mean_about(rows_degC, rounded, peak, window)
     place, draws = float(summits(near, around[None])[0]), summits(near, drawn) + shift
     steepest = told(place, draws)
     assert steepest.ci95 is not None
@@ -283,7 +285,8 @@ def _shape(
         steepest,
         _width(near, around, drawn) if steepest.value is not None else untold(steepest.reason),
         draws,
-        shift,
+        rows_degC,
+        rounded,
     )
 
 
@@ -300,6 +303,13 @@ def window_slopes(degC: Array, places: Array, half_width: float) -> Array:
         powers = np.vander(u, DEGREE + 1, increasing=True)
         found[k, first[k] : last[k]] = np.linalg.pinv(weight[:, None] * powers)[1] * weight / half_width
     return found
+
+
+def _mean_about(rows_degC: Array, values: Array, degC: float, half_width: float) -> Array:
+    """Return the means of values, shape (draws, rows), over the rows within half a window of a temperature, or over the
+    nearest one, shape (draws,)."""
+    away = np.abs(rows_degC - degC)
+    return np.asarray(np.mean(values[:, away <= max(half_width, float(np.min(away)))], axis=1), dtype=np.float64)
 
 
 def _smoothed(degC: Array, rows_degC: Array, values: Array, half_width: float) -> Array:

@@ -16,15 +16,15 @@ from sim.inference.transition.transition import BOLTZMANN_eV_PER_K, Transition, 
 from tests.sim.diagnosis.truth.draw import draw_film
 from tests.sim.diagnosis.truth.films import Film
 
-QUICK = (0, 2, 7, 8, 9, 10, 11, 12, 15, 18, 21, 23)  # of the benchmark's films, of each kind, those with few rows
+QUICK = (2, 7, 8, 9, 10, 12)  # of the benchmark's films, of each kind, those with few rows
 
 
 @pytest.mark.long
-def test_a_dozen_films_of_three_kinds() -> None:
-    """36 numbers: with intervals that hold 95 % fewer than 31 are inside once in 300 such dozens."""
+def test_half_a_dozen_films_of_three_kinds() -> None:
+    """18 numbers: with intervals that hold 95 % fewer than 14 are inside once in 600 such half dozens."""
     rows = [row for seed in QUICK for row in judged(seed)[0] if row[1] in ASKED]
-    assert len(rows) == 36
-    assert sum(row[2] for row in rows) >= 31
+    assert len(rows) == 18
+    assert sum(row[2] for row in rows) >= 14
     assert np.median([row[4] for row in rows]) < 0.4  # K, of transitions that are 5 to 15 K wide
 
 
@@ -43,7 +43,9 @@ def test_a_shifted_scaled_and_mirrored_record() -> None:
     known = draw_known(10)
     one = branches(known, known.temperature_degC, known.log_ohm)
     moved = branches(known, known.temperature_degC + 3.0, known.log_ohm + 1.0)
-    rising = branches(known, known.temperature_degC, -known.log_ohm)
+    record = known.time_s, known.temperature_degC, -known.log_ohm  # log10 R of a film that rises
+    rises = transition(identify_film(*record), *record, sign=-1.0).quantities
+    rising = {name: quantity.value for name, quantity in rises.items()}
     assert None not in one.values()
     for name in ASKED:
         by = 0.0 if name == "hysteresis_K" else 3.0
