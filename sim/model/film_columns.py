@@ -26,7 +26,7 @@ GRID = 400
 
 
 def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
-    """Return the output of each operator at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
+    """Return each operator's output at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
     inputs, side = film_path(nodes)
     gamma = envelope_values(inputs, side, shape[None, :])
     rows = nodes.points + (inputs.size - nodes.time_s.size)
