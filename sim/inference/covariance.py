@@ -25,7 +25,7 @@ NORMAL_95: Final = 1.959963984540054  # standard deviations to either side hold 
 MOST_BLOCKS: Final = 200  # these tell a spread to 5 %: 1 / sqrt(2 blocks)
 FEWEST_BLOCKS: Final = 12  # these tell a spread to 20 %
 UNKNOWN: Final = 3e-7  # relative size of a singular value below which a combination is not determined
-ALONE: Final = 0.05  # share of a block's leverage that is not taken off: where a block alone determines a combination,
+ALONE: Final = 0.02  # share of a block's leverage that is not taken off: where a block alone determines a combination,
 # no other row can say how wrongly, and all of it taken off would leave nothing to divide by
 
 
