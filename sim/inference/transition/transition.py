@@ -52,7 +52,7 @@ BOLTZMANN_eV_PER_K: Final = Boltzmann / elementary_charge
 FOOT_WIDTHS: Final = 1.25  # widths (FWHM): nearer than this it is the transition, whatever the film
 LEAST_K: Final = 8.0  # over less, ln R over 1/T is a straight line for any film
 KEPT: Final = 0.9  # of the range of the activation energy, in each step
-ALIKE: Final = 0.03  # of the energy: as much as is told of films' energies at best
+ALIKE: Final = 0.02  # of the energy: two deviations of it are as much as films' energies are known to at best
 
 
 @dataclass(frozen=True)
