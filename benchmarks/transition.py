@@ -34,15 +34,17 @@ from benchmarks._transition_films import (
 
 ASKED = ("heating_degC", "cooling_degC", "hysteresis_K")
 LEAST, MOST = 0.92, 0.98
-Judged = tuple[str, str, bool, bool, float]  # kind, name, inside, whether the curve's own number is, half width
+Judged = tuple[str, str, bool, bool, float, float]  # kind, name, inside, whether the curve's own is, half width, error
 
 
 def judged(seed: int) -> tuple[list[Judged], list[tuple[str, str]]]:
     """The numbers of one record, judged, and those that it could not tell, with the reasons."""
+    from sim.inference.film.fit import identify_film
     from sim.inference.transition.transition import transition
 
     known = draw_known(seed)
-    found = transition(known.time_s, known.temperature_degC, -known.log_ohm)
+    record = known.time_s, known.temperature_degC, -known.log_ohm
+    found = transition(identify_film(*record), *record)
     windows = {sense: shape.window_K for sense, shape in found.shapes.items()}
     own = truth(known, found.range_degC, {})
     true = truth(known, found.range_degC, windows) if known.kind == "of_class" else own
@@ -53,7 +55,7 @@ def judged(seed: int) -> tuple[list[Judged], list[tuple[str, str]]]:
         elif name in true:
             low, high = quantity.ci95
             inside = low <= true[name] <= high, low <= own[name] <= high
-            rows.append((known.kind, name, *inside, 0.5 * (high - low)))
+            rows.append((known.kind, name, *inside, 0.5 * (high - low), abs(quantity.value - true[name])))
     return rows, missing
 
 
@@ -95,7 +97,7 @@ def main() -> int:
 def _told(rows: list[Judged]) -> bool:
     """Print the table; whether what was asked for is there."""
     print(f"{'':<26}{'records':>9}{'inside 95 %':>13}" + "".join(f"{kind:>10}" for kind in KINDS), end="")
-    print(f"{'own curve':>11}{'half width':>12}{'asked':>12}")
+    print(f"{'own curve':>11}{'half width':>12}{'error':>10}{'asked':>12}")
     good = True
     for name in dict.fromkeys(row[1] for row in rows):
         mine = [row for row in rows if row[1] == name]
@@ -103,9 +105,9 @@ def _told(rows: list[Judged]) -> bool:
         by_kind = [[row[2] for row in mine if row[0] == kind] for kind in KINDS]
         shown = "".join(f"{100 * np.mean(hits):>8.1f} %" if hits else f"{'':>10}" for hits in by_kind)
         own = 100 * float(np.mean([row[3] for row in mine]))
-        half = float(np.median([row[4] for row in mine]))
+        half, off = (float(np.median([row[k] for row in mine])) for k in (4, 5))
         asked = f"{100 * LEAST:g} to {100 * MOST:g} %" if name in ASKED else ""
-        print(f"{name:<26}{len(mine):>9}{100 * share:>11.1f} %{shown}{own:>9.1f} %{half:>12.3g}{asked:>12}")
+        print(f"{name:<26}{len(mine):>9}{100 * share:>11.1f} %{shown}{own:>9.1f} %{half:>12.3g}{off:>10.2g}{asked:>12}")
         good = good and (name not in ASKED or LEAST <= share <= MOST)
     return good
 

@@ -248,9 +248,11 @@ def identified(records: Sequence[Record], options: FitOptions, say: Callable[[st
     output = rising(records, options.output, say)
     found = Identified(tuple(records), output, Model(None, None))
     film_model, plate_model = None, None
+    lag_s = 0.0
     courses: dict[int, Array] = {}
     if with_plate:
-        plate = plate_fit(with_plate, options.plate)
+        lagging = plate_fit(with_plate, options.plate, lag=True)
+        plate, lag_s = lagging.without_lag or lagging, lagging.lag_s
         plate_model = plate.model
         found = replace(found, plate=plate, drive=with_plate[0].drive, plate_records=tuple(with_plate))
         if not plate.far_off:
@@ -260,7 +262,7 @@ def identified(records: Sequence[Record], options: FitOptions, say: Callable[[st
         compression = _compressed(film.model, with_film, options.compress) if options.compress is not None else None
         film_model = film.model if compression is None else compression.model
         numbers = (
-            doubted(numbers_of_record(record, output), modelled(film, k, record), record.output(output))
+            doubted(numbers_of_record(record, output, film, k), modelled(film, k, record), record.output(output))
             for k, record in enumerate(with_film)
         )
         found = replace(
@@ -270,7 +272,7 @@ def identified(records: Sequence[Record], options: FitOptions, say: Callable[[st
             findings=tuple(check_model(film.model, *seen_degC(with_film)).findings),
             compression=compression,
             numbers=tuple(numbers),
-            lag_s=plate_fit(with_plate, options.plate, lag=True).lag_s if with_plate else 0.0,
+            lag_s=lag_s,
         )
     model = Model(film_model, plate_model)
     return replace(found, model=fitted_to(model, with_film) if with_film else model)

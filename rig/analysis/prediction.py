@@ -33,7 +33,7 @@ from sim.model.inputs import NAMES as INPUTS
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, RecordOwn, long_gaps
 from sim.model.record_run import RecordRun, straight_path
-from sim.world.films.rising import RisingFilm, film_of_world
+from sim.world.films import RisingFilm, film_of_world
 
 Initial = Literal["cooled", "heated", "fitted"]
 
@@ -398,10 +398,10 @@ def _gap_note(found: Prediction) -> str | None:
     seen += f"{max(found.gaps_s):.3g} s: "
     if found.own is None:
         return f"{seen}the film's memory goes straight through; --initial fitted finds it from the rows that follow"
-    went = [degC for degC in found.own.film.passed_degC if any(np.isfinite(degC))]
+    went = found.own.film.passed_degC
     if not went:
         return f"{seen}the first rows after show no excursion, the film's memory goes straight through"
-    degC = "; ".join(" and ".join(f"{t:.1f}" for t in both if np.isfinite(t)) for both in went)
+    degC = "; ".join(" and ".join(f"{t:.1f}" for t in both) for _, both in went)
     return f"{seen}by the first rows after, the film's memory is as if the temperature had gone to {degC} degC"
 
 

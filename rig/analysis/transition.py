@@ -1,4 +1,4 @@
-"""The film's transition and first-order reversal curves, measured without a model: numbers, lines, JSON."""
+"""The transition of a fitted film and the first-order reversal curves of its record: numbers, lines, JSON."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from rig.analysis.error import Rows
 from rig.records.film_output import in_decades, sign_of, unit_of
 from rig.records.record import Record
 from rig.records.thermometer_faults import describe_false_readings, find_false_readings, mask_readings
-from sim.inference.quantity import Quantity, untold
+from sim.inference.film.fit import FilmFit, identify_film
 from sim.inference.readings.repeated import repeated_rows
 from sim.inference.readings.temperature_path import temperature_path
 from sim.inference.transition.forc import Forc, forc
-from sim.inference.transition.transition import Transition, transition
+from sim.inference.transition.transition import Quantity, Transition, transition, untold
 
 FAR_OFF = 5.0  # times the noise: beyond it the record may not be what it is taken for
 NO_JUMPS = 0.98  # of the changes from reading to reading
 FEWEST = 20  # readings from which their noise can be estimated
 LEAST = 1e-3  # of the output: of readings without noise no model is asked to be closer
-MOST_READINGS = 50_000  # beyond it every so many rows are taken: no ramp has more to say
+EVERY = 4  # places of a derivative, in a report
+MOST_READINGS = 50_000  # of reversal curves: beyond it every so many rows are taken: no ramp has more to say
 WORDS = {
     "heating_degC": ("transition temperature on heating", "degC"),
     "cooling_degC": ("transition temperature on cooling", "degC"),
@@ -137,6 +138,25 @@ class FilmNumbers:
             },
         }
 
+    def shown(self) -> dict[str, Any]:
+        """Return what a page shows: rows of the table, notes, and the derivative of each branch."""
+        found = self.transition
+        return {
+            "rows": [list(row) for row in self.rows()],
+            "notes": self.notes(),
+            "derivative": {
+                sense: {
+                    "degC": degC[::EVERY].tolist(),
+                    "slope": slope[::EVERY].tolist(),
+                    "half_width": half[::EVERY].tolist(),
+                    "steepest_degC": found.quantities[f"{sense}_degC"].value,
+                }
+                for sense, (degC, slope, half) in found.derivatives().items()
+            },
+            "ylabel": "d log10 R / dT / (1/K)" if found.in_decades else f"d output / dT / ({self.unit}/K)",
+            "forc": self.forc_note(),
+        }
+
     def lag_left_in(self, lag_s: float) -> tuple[str, dict[str, Any]] | None:
         """Return a line and its JSON on a lag of the thermometer (s) that is still in the temperatures; None if it
         shifts nothing."""
@@ -166,34 +186,38 @@ def _number(quantity: Quantity, unit: str) -> str:
 
 
 def film_numbers(
-    time_s: Array, degC: Array, output: Array, name: str, source: str, lag_s: float | None = None
+    time_s: Array,
+    degC: Array,
+    output: Array,
+    name: str,
+    source: str,
+    lag_s: float | None = None,
+    fit: FilmFit | None = None,
+    number: int = 0,
 ) -> FilmNumbers:
-    """Return the numbers from arrays of shape (rows,): s, degC, and the output `name`, nan if there is no reading."""
-    thin = slice(None, None, -(-time_s.size // MOST_READINGS))
+    """Return the numbers from arrays of shape (rows,): s, degC, and the output `name`, nan if there is no reading.
+
+    fit: of a film to these rows as the record of this number; None: it is fitted here. Raises ValueError if no film can
+    be fitted.
+    """
+    fit = fit if fit is not None else identify_film(time_s, degC, output, output_name=name)
     decades = in_decades(name)
-    sign = -sign_of(name) if decades else sign_of(name)  # -log10 R, or the column as the record has it
-    columns = time_s[thin], degC[thin], sign * output[thin]
-    found = transition(*columns, in_decades=decades)
-    return FilmNumbers(source, name, found, forc(*columns, in_decades=decades), lag_s)
+    sign = float(-sign_of(name) if decades else sign_of(name))  # -log10 R, or the column as the record has it
+    found = transition(fit, time_s, degC, output, number=number, sign=sign, in_decades=decades)
+    thin = slice(None, None, -(-time_s.size // MOST_READINGS))
+    curves = forc(time_s[thin], degC[thin], sign * output[thin], in_decades=decades)
+    return FilmNumbers(source, name, found, curves, lag_s)
 
 
-def numbers_of_record(record: Record, output: str) -> FilmNumbers:
-    """Return the numbers of a record, each reading at the temperature of its own time."""
+def numbers_of_record(record: Record, output: str, fit: FilmFit | None = None, number: int = 0) -> FilmNumbers:
+    """Return the numbers of a record, each reading at the temperature of its own time. fit, number: as for
+    `film_numbers`."""
     time, degC = record["time_s"], record["temperature_degC"]
     values = fresh(record.output(output))
     if record.has("resistance_time_s"):
         values = at_own_times(time, values, record["resistance_time_s"])
-    return replace(film_numbers(time, degC, values, output, record.source), timed=record.times == "file")
-
-
-def numbers_of_run(run: Rows, source: str, lag_s: float) -> FilmNumbers:
-    """Return the numbers of a run's rows. lag_s: of the thermometer behind the plate, taken out of the temperatures."""
-    time, resistance = run.column("time_s"), run.column("resistance_ohm")
-    good = np.isfinite(resistance) & (resistance > 0.0)
-    values = fresh(np.where(good, -np.log10(np.where(good, resistance, 1.0)), np.nan))
-    values = at_own_times(time, values, run.column("resistance_time_s"))
-    plate_degC = plate_course(time, believed_degC(run)[0], lag_s)
-    return film_numbers(time, plate_degC, values, "minus_log10_ohm", source, lag_s)
+    found = film_numbers(time, degC, values, output, record.source, None, fit, number)
+    return replace(found, timed=record.times == "file")
 
 
 def doubted(numbers: FilmNumbers, modelled: Array, measured: Array) -> FilmNumbers:

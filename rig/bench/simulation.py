@@ -15,10 +15,8 @@ from sim.effects.effect import Switched, switched
 from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
 from sim.model.film_side import Film
 from sim.model.links import links_of
-from sim.world.detector import Detector
-from sim.world.films.preisach import PreisachFilm
-from sim.world.films.rising import film_of_world
-from sim.world.world import World
+from sim.world.films import PreisachFilm, film_of_world
+from sim.world.world import Detector, World
 
 
 def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:

@@ -205,7 +205,7 @@ class CalibrationTable(Table):
 
 
 class RelayFilmTable(Table):
-    """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.world.films.preisach."""
+    """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.world.films."""
 
     kind: Literal["preisach"] = "preisach"
     relays: Count = 16_000
@@ -233,7 +233,7 @@ class HeatSinkTable(Table):
 
 
 class DetectorTable(Table):
-    """[simulation.detector]: a voltmeter's reading of the film's output, see sim.world.detector."""
+    """[simulation.detector]: a voltmeter's reading of the film's output, see sim.world.world."""
 
     volts_per_unit: Number
     offset_V: Number = 0.0

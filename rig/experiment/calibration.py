@@ -30,7 +30,7 @@ from compensator.hysteresis.functions import Array
 from compensator.inverse.check import Finding, check_model
 from compensator.thermal.plate import Kind
 from rig.analysis.identification import finding_documents, finding_notes, plate_notes
-from rig.analysis.transition import FilmNumbers, believed_degC, doubted, numbers_of_run, plate_course
+from rig.analysis.transition import FilmNumbers, at_own_times, believed_degC, doubted, film_numbers, fresh, plate_course
 from rig.config.configuration import Configuration
 from rig.config.model_file import Model, write_model
 from rig.config.target import Target
@@ -79,7 +79,7 @@ FAR_OFF_IN_A_RUN: Final = (
 class Calibration:
     """Result of a calibration: the fits, the check on held-out rows, the model and its file.
 
-    predicted_output: -log10(R / 1 ohm) of each row by the model. numbers: the transition, measured without a model.
+    predicted_output: -log10(R / 1 ohm) of each row by the model. numbers: the transition of the film.
     findings: what to know of the film model before it is used. left_out: a line on each run of rows in which the
     thermometer was not believed.
     """
@@ -120,7 +120,7 @@ class Calibration:
             "memoryless": film.model.memoryless.function,
             "operators": int((film.model.weights > 0.0).sum()),
             "plate": [{"name": name, "value": value, "standard_error": error} for name, value, error in parameters],
-            "lag_s": plate.lag_s,
+            "transition": self.numbers.shown() if self.numbers is not None else None,
         }
 
     def document(self) -> dict[str, Any]:
@@ -434,6 +434,8 @@ def identify_calibration(
     seed = configuration.calibration.seed
     film_fit = identify_film(*rows, output_time_s=output_time_s, output_name=name, seed=seed)
     film: FilmModel = film_fit.model
+    shown = at_own_times(rows[0], fresh(rows[2]), output_time_s)
+    numbers = film_numbers(rows[0], rows[1], shown, name, folder.path.name, plate_fit.lag_s, film_fit)
     path = temperature_path(time, plate_degC).temperature_degC
     when_read = np.interp(np.where(np.isfinite(read_s), read_s, time), time, path)
     predicted, _ = film.simulate(when_read, film_fit.memories[0])
@@ -464,7 +466,7 @@ def identify_calibration(
         check_max_dec=float(np.max(np.abs(error))),
         check_rmse_K=float(np.sqrt(np.nanmean(error_K**2))),
         predicted_output=sign_of(name) * -predicted,
-        numbers=doubted(numbers_of_run(folder, folder.path.name, plate_fit.lag_s), predicted[fitted], output[fitted]),
+        numbers=doubted(numbers, predicted[fitted], output[fitted]),
         findings=check_model(film, float(np.nanmin(temperature)), float(np.nanmax(temperature))).findings,
         left_out=tuple(left_out),
     )

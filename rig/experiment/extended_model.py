@@ -20,8 +20,7 @@ from rig.safety.first_plate import KnownPlate
 from sim.effects.effect import Switched
 from sim.model.chain import ChainModel
 from sim.model.links import links_of
-from sim.model.observer import Observer
-from sim.model.own_output import own_output_table
+from sim.model.observer import Observer, own_output_table
 
 COMPENSATED: tuple[LawName, ...] = ("full", "feedforward", "temperature")
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,7 +30,6 @@ from rig.report.figures import (
 )
 from rig.report.page import figure
 from sim.inference.transition.forc import Forc
-from sim.inference.transition.transition import SENSES, Transition, slope_curve
 
 SENSE_COLOURS = {"heating": COLOURS["model"], "cooling": COLOURS["measured"]}
 DEGREE = "\N{DEGREE SIGN}C"
@@ -150,17 +150,13 @@ def _of(unit: str) -> str:
     return " of log10 R" if unit == "dec" else ""
 
 
-def derivative_figure(folder: Path, found: Transition, name: str, unit: str) -> str:
-    """Draw the derivative of both branches with their bands, and mark the transition temperatures."""
+def derivative_figure(folder: Path, curves: Mapping[str, Mapping[str, Any]], name: str, ylabel: str) -> str:
+    """Draw the derivative of both branches with their bands, and mark the transition temperatures. curves: as of
+    `FilmNumbers.shown`."""
     fig, axes = new_figure(1, 3.8)
-    for sense in SENSES:
-        if sense not in found.shapes:
-            continue
-        degC, slope, half = slope_curve(found.shapes[sense], found.in_decades)
-        margin = 0.5 * found.shapes[sense].window_K  # nearer to an end a window is too one-sided to look at
-        inside = (degC > degC[0] + margin) & (degC < degC[-1] - margin)
-        degC, slope, half = degC[inside], slope[inside], half[inside]
-        colour, place = SENSE_COLOURS[sense], found.quantities[f"{sense}_degC"].value
+    for sense, curve in curves.items():
+        degC, slope, half = (np.asarray(curve[key]) for key in ("degC", "slope", "half_width"))
+        colour, place = SENSE_COLOURS[sense], curve["steepest_degC"]
         axes[0].plot(degC, slope, color=colour, label=sense)
         axes[0].fill_between(degC, slope - half, slope + half, color=colour, alpha=0.2, linewidth=0)
         if place is not None:
@@ -173,7 +169,7 @@ def derivative_figure(folder: Path, found: Transition, name: str, unit: str) -> 
                 color=colour,
             )
     axes[0].set_xlabel(f"temperature / {DEGREE}")
-    axes[0].set_ylabel("d log10 R / dT / (1/K)" if found.in_decades else f"d output / dT / ({unit}/K)")
+    axes[0].set_ylabel(ylabel)
     axes[0].legend(loc="best")
     caption = "The derivative of each major branch with its 95 % band, and the transition temperatures."
     return figure(saved(fig, folder, name), caption)

@@ -14,7 +14,6 @@ from rig.analysis.error import residual
 from rig.analysis.identification import FitOptions, Identified, PlateComparison, identified
 from rig.analysis.prediction import ChannelError
 from rig.analysis.table_row import of_identification
-from rig.analysis.transition import FilmNumbers
 from rig.batch.engine import given
 from rig.config.model_file import write_model
 from rig.core.faults import Faults
@@ -34,6 +33,7 @@ from rig.report.model_figures import (
     residual_figure,
 )
 from rig.report.page import bullets, figure, paragraph, section, table, tiles, write_page
+from sim.inference.transition.forc import Forc
 
 Say = Callable[[str], None]
 
@@ -124,7 +124,7 @@ def _write_identification_page(folder: Path, found: Identified, result: Mapping[
     for k, (one, own) in enumerate(zip(compared, found.numbers, strict=True)):
         suffix = f"_{k + 1}" if len(compared) > 1 else ""
         name = f" of {Path(one.source).name}" if suffix else ""
-        parts.append(transition_section(folder, own, suffix, f"The transition{name}"))
+        parts.append(transition_section(folder, own.shown(), suffix, f"The transition{name}", own.forc))
         left = residual(one.measured, one.modelled, found.output)
         parts.append(
             section(
@@ -164,17 +164,19 @@ def _plate(folder: Path, plate: Mapping[str, Any], compared: Sequence[PlateCompa
     )
 
 
-def transition_section(folder: Path, numbers: FilmNumbers, suffix: str = "", title: str = "The transition") -> str:
-    """Return the section on one record's transition; suffix: of the figures' names if a page shows several records."""
-    found, forc = numbers.transition, numbers.forc
-    rows = [[what, value.replace("+-", "\N{PLUS-MINUS SIGN}")] for what, value in numbers.rows()]
-    parts = [table(["what", "value and 95 % interval"], rows), bullets(numbers.notes())]
-    if found.shapes:
-        parts.append(derivative_figure(folder, found, f"derivative{suffix}", numbers.unit))
-    if forc.reason or not np.any(np.isfinite(forc.density)):
-        parts.append(paragraph(numbers.forc_note(), "note"))
+def transition_section(
+    folder: Path, shown: Mapping[str, Any], suffix: str = "", title: str = "The transition", curves: Forc | None = None
+) -> str:
+    """Return the section on one record's transition, as `FilmNumbers.shown`. suffix: of the figures' names if a page
+    shows several records; curves: its reversal curves, if their diagram is drawn."""
+    rows = [[what, value.replace("+-", "\N{PLUS-MINUS SIGN}")] for what, value in shown["rows"]]
+    parts = [table(["what", "value and 95 % interval"], rows), bullets(shown["notes"])]
+    if shown["derivative"]:
+        parts.append(derivative_figure(folder, shown["derivative"], f"derivative{suffix}", shown["ylabel"]))
+    if curves is None or curves.reason or not np.any(np.isfinite(curves.density)):
+        parts.append(paragraph(shown["forc"], "note"))
     else:
-        parts.append(forc_figure(folder, forc, f"forc{suffix}"))
+        parts.append(forc_figure(folder, curves, f"forc{suffix}"))
     return section(title, *parts)
 
 

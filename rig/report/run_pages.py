@@ -25,7 +25,6 @@ from rig.analysis.error import (
     target_error,
     tracked,
 )
-from rig.analysis.transition import numbers_of_run
 from rig.core.columns import OF_A_RUN
 from rig.records.record_file import read_record
 from rig.records.recorded_run import CALIBRATION, LAW, PHASE, RunRows, drive_label, ended_early, inner_runs, limit_A
@@ -387,7 +386,7 @@ def _write_calibration_page(run: RunRows, out: Path) -> None:
         _facts(run),
         tiles(numbers),
         section("The film", *film),
-        *([transition_section(out, numbers_of_run(run, run.path.name, result["lag_s"]))] if "lag_s" in result else []),
+        *([transition_section(out, result["transition"])] if result.get("transition") else []),
         section(
             "What this record cannot fix",
             bullets(doubts) if doubts else paragraph("Nothing: it fixes the film and the plate."),

@@ -29,7 +29,7 @@ from sim.inference.joint import Fit
 from sim.inference.record.record import Record
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import Links
-from sim.model.own_output import own_output
+from sim.model.observer import own_output
 
 FORMS: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # of D, simplest first, as `identify` has them
 STARTS: Final = 5  # of either nonlinear parameter of a form: between them a descent finds the least error

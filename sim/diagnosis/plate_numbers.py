@@ -17,7 +17,7 @@ from sim.diagnosis.result import Interval, PlateNumbers, rough
 from sim.findings.intervals import covariance
 from sim.inference.covariance import NORMAL_95
 from sim.inference.joint import Fit
-from sim.inference.plate.notes import constant_drive
+from sim.inference.plate.result import constant_drive
 
 NAMES: Final = {  # of the fit's unknowns, as a model file has them
     "s": "seebeck_over_capacity_per_A_s",

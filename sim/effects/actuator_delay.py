@@ -13,7 +13,7 @@ from sim.effects.effect import Command, Effect, Parameter
 
 
 def send(par: Array, time_s: Array, current_A: Array) -> tuple[Array, Array]:
-    """The same currents, later."""
+    """Return the same currents, later."""
     return time_s + par[0], current_A
 
 

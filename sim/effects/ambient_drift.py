@@ -16,7 +16,7 @@ def ambient(
     drift: float, unused: float, s: float, r: float, g: float, ambient: float, time: float, plate: float, own: float,
     current: float,
 ) -> float:  # fmt: skip
-    """K above the first row's."""
+    """Return K above the first row's."""
     return drift * time / 3600.0
 
 

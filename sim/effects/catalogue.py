@@ -16,7 +16,7 @@ _own: dict[str, Effect] = {}
 
 
 def catalogue() -> dict[str, Effect]:
-    """All effects by name, along the signal chain."""
+    """Return all effects by name, along the signal chain."""
     found = dict(_own)
     for module in pkgutil.iter_modules(sim.effects.__path__):
         effect = getattr(importlib.import_module(f"sim.effects.{module.name}"), "EFFECT", None)

@@ -141,7 +141,7 @@ class Effect:
         return self.link in ("driver", "plate", "thermometer")
 
     def array(self, values: dict[str, float]) -> Array:
-        """The parameters in their order. Raises ValueError for a name or a value that cannot be."""
+        """Return the parameters in their order. Raises ValueError for a name or a value that cannot be."""
         names = [p.name for p in self.parameters]
         for name in values:
             if name not in names:
@@ -169,12 +169,13 @@ class Switched:
         return self.effect.name
 
     def values(self) -> dict[str, float]:
-        """Parameters by name."""
+        """Return parameters by name."""
         return {p.name: float(v) for p, v in zip(self.effect.parameters, self.par, strict=True)}
 
 
 def pinned(effect: Effect, values: Mapping[str, float]) -> Effect:
-    """The effect with these parameters known: no fit moves them. Raises ValueError for one that it does not have."""
+    """Return the effect with these parameters known: no fit moves them. Raises ValueError for one that it does not
+    have."""
     known = {p.name for p in effect.parameters}
     for name in values:
         if name not in known:
@@ -184,7 +185,7 @@ def pinned(effect: Effect, values: Mapping[str, float]) -> Effect:
 
 
 def with_pinned(effect: Effect, values: Sequence[float]) -> list[float]:
-    """The values, with those that are known in their places."""
+    """Return the values, with those that are known in their places."""
     return [p.choices[0] if len(p.choices) == 1 else v for p, v in zip(effect.parameters, values, strict=True)]
 
 
@@ -207,7 +208,7 @@ def of_resistances(effect: Effect) -> bool:
 
 
 def switched(effect: Effect, values: dict[str, float] | ArrayLike) -> Switched:
-    """The effect with the given parameters. Raises ValueError."""
+    """Return the effect with the given parameters. Raises ValueError."""
     if isinstance(values, dict):
         return Switched(effect, effect.array(values))
     return Switched(effect, np.array(values, dtype=np.float64))

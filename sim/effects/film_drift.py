@@ -15,7 +15,7 @@ from sim.effects.effect import Effect, Parameter, Warming
 
 
 def add(par: Array, time_s: Array, power_W: Array) -> Array:
-    """K added to the plate's temperature."""
+    """Return K added to the plate's temperature."""
     return np.asarray(par[0] * time_s / 3600.0)
 
 

@@ -22,7 +22,7 @@ def plate_rate(
     ratio: float, loss: float, s: float, r: float, g: float, ambient: float, time: float, plate: float, sink: float,
     current: float,
 ) -> float:  # fmt: skip
-    """The plate loses its heat to the sink, not to the ambient."""
+    """Return the change of the plate's rate: it loses its heat to the sink, not to the ambient."""
     return g * (sink - ambient)
 
 
@@ -31,7 +31,7 @@ def own_rate(
     ratio: float, loss: float, s: float, r: float, g: float, ambient: float, time: float, plate: float, sink: float,
     current: float,
 ) -> float:  # fmt: skip
-    """The sink's balance."""
+    """Return the sink's balance."""
     heat = -s * current * (sink + KELVIN) + 0.5 * r * current * current + g * (plate - sink) - loss * (sink - ambient)
     return heat / ratio
 

@@ -17,7 +17,7 @@ THRESHOLDS_OHM = tuple(float(10.0**k) for k in range(1, 9))
 
 
 def read(par: Array, values: Array) -> Array:
-    """The range's error on the values above the threshold."""
+    """Return the range's error on the values above the threshold."""
     return np.where(values > par[0], values * (1.0 + par[1]), values)
 
 

@@ -14,7 +14,7 @@ from sim.effects.effect import Effect, Parameter, Reading
 
 
 def read(par: Array, values: Array) -> Array:
-    """Film and shunt."""
+    """Return the resistance of film and shunt."""
     return np.asarray(values / (1.0 + values / par[0]))
 
 

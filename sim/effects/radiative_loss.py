@@ -16,7 +16,7 @@ def plate_rate(
     eps: float, unused: float, s: float, r: float, g: float, ambient: float, time: float, plate: float, own: float,
     current: float,
 ) -> float:  # fmt: skip
-    """What the surface radiates, less what it receives."""
+    """Return what the surface radiates, less what it receives."""
     hot, cold = plate + 273.15, ambient + 273.15
     return -eps * (hot * hot * hot * hot - cold * cold * cold * cold)
 

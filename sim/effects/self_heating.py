@@ -15,7 +15,7 @@ from sim.effects.effect import Effect, Parameter, Warming
 
 
 def add(par: Array, time_s: Array, power_W: Array) -> Array:
-    """K above the plate."""
+    """Return K above the plate."""
     return np.asarray(par[0] * power_W)
 
 

@@ -14,7 +14,7 @@ from sim.effects.effect import Effect, Parameter, Reading
 
 
 def read(par: Array, values: Array) -> Array:
-    """Film and leads."""
+    """Return the resistance of film and leads."""
     return np.asarray(values + par[0])
 
 

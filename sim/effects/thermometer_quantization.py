@@ -15,7 +15,7 @@ from sim.effects.effect import Effect, Parameter, Reading
 
 
 def read(par: Array, values: Array) -> Array:
-    """Values on the lattice of the step."""
+    """Return values on the lattice of the step."""
     step = par[0]
     return values if step <= 0.0 else step * np.round(values / step)
 

@@ -14,7 +14,7 @@ from sim.effects.effect import Effect, Parameter, ReadingTime
 
 
 def taken(par: Array, time_s: Array) -> Array:
-    """When the value was taken."""
+    """Return when the value was taken."""
     return np.asarray(time_s - par[0])
 
 

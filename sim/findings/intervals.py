@@ -40,10 +40,8 @@ def covariance(fit: Fit) -> Covariance:
         film = film - (active * scale) @ cho_solve(cho_factor(normal), (active * scale).T @ film)
         jacobian = np.vstack((jacobian[:split], film))
     known = np.isfinite(joint.prior_deviation)
-    priors = np.diag(1.0 / joint.prior_deviation)[known]
-    rows = np.vstack((jacobian, priors))
-    away = np.append(residual, (joint.prior_mean - at.x)[known] / joint.prior_deviation[known])
-    return block_sandwich(rows, away)
+    precision = np.diag(np.where(known, joint.prior_deviation, np.inf) ** -2.0)
+    return block_sandwich(jacobian, residual, precision=precision)
 
 
 def intervals(fit: Fit) -> dict[str, dict[str, tuple[float, Interval | None]]]:

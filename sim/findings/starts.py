@@ -17,10 +17,11 @@ from sim.findings.films import PIFilm, PreisachFilm, curve_over
 from sim.inference.film.relay_plane import relays_over
 from sim.inference.film.rows import Path
 from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, Point, TwoChannels
+from sim.inference.memory import beginnings, gaps_of, through_gaps
 from sim.inference.noise import Noise, discrepancy
-from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH, beginnings, through_gaps
+from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH
 from sim.inference.plate.starts import Stretch, rough_balances
-from sim.model.record_own import FilmStart, RecordOwn, longest_gaps
+from sim.model.record_own import FilmStart
 
 SHARES: Final = (0.0, 0.5, 1.0)  # of the loop's width that the envelopes' centres are apart: the radii give the rest
 STEEPER: Final = (0.7, 1.0, 1.5)  # envelopes than the branches that they make
@@ -218,16 +219,14 @@ def remembering(joint: Joint, at: Point, metric: Metric) -> tuple[Joint, Point]:
         return other, other.solve(at.x, metric, at.own)
 
     best, least = (joint, at), joint.solve(at.x, metric, at.own).cost - WORTH
-    for start in beginnings(at.run.path, 0.0, film.start):
+    path = at.run.path
+    for start in beginnings(float(path.at(np.zeros(1))[0]), path.plate_degC, film.start):
         found = begun(start)
         if found[1].cost < least:
             best, least = found, found[1].cost
-    if longest_gaps(record).size:
-        own = RecordOwn(0.0, np.empty(0), film=best[0].film.start if best[0].film else film.start)
-        passed = through_gaps(own, at.run.path, record, lambda other: begun(other.film)[1].cost)
-        if passed.film != own.film:
-            best = begun(passed.film)
-    return best
+    start = best[0].film.start if best[0].film else film.start
+    passed = through_gaps(start, gaps_of(record, path), path.plate_degC, lambda other: begun(other)[1].cost, WORTH)
+    return best if passed == start else begun(passed)
 
 
 def remembered(fit: Fit) -> Fit:

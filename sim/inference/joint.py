@@ -39,7 +39,7 @@ from compensator.thermal.plate import (
 from sim.effects.effect import Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
 from sim.inference.domains import Domains, Relays, domain_columns
 from sim.inference.levenberg_marquardt import Damping, Linearized, descend, held_at_bounds
-from sim.inference.nnls import solve_triangle
+from sim.inference.nnls import reduced, solve_triangle
 from sim.inference.noise import (
     Noise,
     Readings,
@@ -52,7 +52,6 @@ from sim.inference.noise import (
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, ROOM_SPREAD_K, first_readings, resting_K
 from sim.inference.plate.fit import AMBIENT_DEGC, SHARE
 from sim.inference.readings.temperature_path import temperature_path
-from sim.inference.triangle import reduced
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.inputs import Inputs
 from sim.model.links import Links, columns_followed, links_of

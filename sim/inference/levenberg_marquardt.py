@@ -25,7 +25,6 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 
 FLAT: Final = 1e-9  # of a scaled diagonal: what the record hardly tells would move without an end
-PROMISED: Final = 0.1  # of the gain that settles a descent: a step that promises less is not worth a trial
 SETTLED: Final = 1e-5  # log-likelihood that one more step gains: values are then within 0.005 deviations
 TINY: Final = 1e-30  # of a diagonal: an unknown on which nothing depends
 SAME: Final = 0.1  # of a step that gained nothing, by which another has to differ to be tried
@@ -117,7 +116,7 @@ def descend(
     damping: Damping = Damping(),
     least_gain: float = 0.0,
 ) -> Point:
-    """The point reached in at most `steps` steps. settled: whether a step from one cost to another was the last;
+    """Return the point reached in at most `steps` steps. settled: whether a step from one cost to another was the last;
     least_gain: of the cost, that a step has to promise to be tried."""
     at, level = start, damping.first
     for _ in range(steps):
@@ -138,8 +137,8 @@ def damped_step(
     damping: Damping,
     least_gain: float = 0.0,
 ) -> tuple[Point, float]:
-    """The point after one step that gains, or the same where none does; and the damping for the next. level: of now;
-    least_gain: of the cost, that a step has to promise to be tried (g' step - 1/2 step' N step): at a minimum none
+    """Return the point after one step that gains, or the same where none does; and the damping for the next. level: of
+    now; least_gain: of the cost, that a step has to promise to be tried (g' step - 1/2 step' N step): at a minimum none
     does, and each of `trials` would be in vain. So would be one that more damping has hardly changed."""
     norm = np.sqrt(about.scale)
     scaled, gradient = about.normal / np.outer(norm, norm), about.gradient / norm
@@ -163,8 +162,8 @@ def damped_step(
 
 
 def _within(damped: Array, gradient: Array, step: Array, low: Array, high: Array) -> Array:
-    """A step within its ends, all (parameters,): what would go furthest beyond stays at its end, and the others are
-    solved for anew, until none goes beyond. They were computed for the long step of an unknown that the data hardly
+    """Return a step within its ends, all (parameters,): what would go furthest beyond stays at its end, and the others
+    are solved for anew, until none goes beyond. They were computed for the long step of an unknown that the data hardly
     tell, and gain nothing beside a short one."""
     held = np.zeros(step.size, dtype=np.bool_)
     while np.any((beyond := np.where(held, 0.0, np.maximum(step - high, low - step))) > 0.0):

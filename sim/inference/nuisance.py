@@ -21,11 +21,11 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import HeatFlow
 from sim.inference.levenberg_marquardt import Damping, least_squares
+from sim.inference.memory import beginnings, gaps_of, likeliest, through_gaps
 from sim.inference.noise import Readings
-from sim.model.gaps import beyond_ends, there_and_back
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath, PlateRun
-from sim.model.record_own import FilmStart, RecordOwn, anew_rows, longest_gaps
+from sim.model.record_own import FilmStart, RecordOwn, anew_rows
 from sim.model.recorded import Mask, Recorded, Rows, driven_rows
 
 FIRST_S, FIRST_ROWS = 30.0, 20  # of each stretch: what a prediction is told of a record's beginning
@@ -34,9 +34,7 @@ ROOM_SPREAD_K = 3.0  # of a room about what it was when the model was made: anot
 REST_K = 1.0  # spread of bodies about the room, and of filters about what they follow: a rig that has rested
 SHARE = 0.5  # of how far the plate is from the room, as far may they be, too: a record may begin while a rig runs
 LATE_SPREAD = 0.5  # K and decades: of how far a filter of the film or of the ohmmeter is behind
-SEVERAL = 10  # turning points before the first row that are tried, on either side
-MARGIN = 0.25  # of the range of temperatures: so far beyond them may a film have turned round
-WORTH = 3.0  # log-likelihood that another memory than the model's own has to bring
+WORTH = 3.0  # log-likelihood that each temperature of another memory than the model's own has to bring
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-3, 1e-4  # an instrument's last digit: nothing is known better
 STEP_K, STEP_LATE = 0.01, 1e-3  # of difference quotients: rounding is 1e-11
 STEPS = 4  # of a descent from the first readings, next to linear: the second brings little, the third nothing
@@ -71,7 +69,7 @@ class Told:
     error_time_s: float = 0.0
 
     def only(self, rows: Mask) -> Told:
-        """Those of some rows."""
+        """Return the readings of some rows."""
         output = np.where(rows, self.output, np.nan) if self.output is not None else None
         return replace(self, temperature_degC=np.where(rows, self.temperature_degC, np.nan), output=output)
 
@@ -82,8 +80,8 @@ def resting_K(first_K: float) -> float:
 
 
 def told_rows(record: Recorded, first_s: float | None = None) -> Mask:
-    """The first rows of each stretch: first_s seconds; None: 30 s or 20 rows, whichever is more; of a short stretch
-    its first half."""
+    """Return the first rows of each stretch: first_s seconds; None: 30 s or 20 rows, whichever is more; of a short
+    stretch its first half."""
     time, told = record.time_s, np.zeros(record.time_s.size, dtype=np.bool_)
     for begin, end in zip(record.first_rows, [*record.first_rows[1:], time.size], strict=True):
         seconds = FIRST_S if first_s is None else first_s
@@ -94,7 +92,7 @@ def told_rows(record: Recorded, first_s: float | None = None) -> Mask:
 
 
 def first_readings(record: Recorded, temperature_degC: Array) -> Array:
-    """The first reading of each stretch; of one without readings, the nearest one: degC, (stretches,)."""
+    """Return the first reading of each stretch; of one without readings, the nearest one: degC, (stretches,)."""
     used, found = np.flatnonzero(np.isfinite(temperature_degC)), []
     for begin, end in zip(record.first_rows, [*record.first_rows[1:], record.time_s.size], strict=True):
         inside = used[(used >= begin) & (used < end)]
@@ -106,9 +104,9 @@ def first_readings(record: Recorded, temperature_degC: Array) -> Array:
 def fit_own(
     chain: Forward, record: Recorded, told: Told, film: FilmStart, path: PlatePath | None = None
 ) -> tuple[RecordOwn, PlatePath]:
-    """(what belongs to the record, the plate's path with it). film: the model's own memory; path: of the plate, where
-    it is measured; None: it is simulated from the record's commands, its temperatures fitted to the thermometer's.
-    Raises ValueError where no temperature was read."""
+    """Return (what belongs to the record, the plate's path with it). film: the model's own memory; path: of the plate,
+    where it is measured; None: it is simulated from the record's commands, its temperatures fitted to the
+    thermometer's. Raises ValueError where no temperature was read."""
     if not np.any(np.isfinite(told.temperature_degC)):
         raise ValueError("temperature_degC: no finite number in the first rows")
     own = RecordOwn(chain.ambient_degC, first_readings(record, told.temperature_degC), film=film)
@@ -121,7 +119,7 @@ def fit_own(
 
 
 def _temperatures(chain: Forward, record: Recorded, told: Told, own: RecordOwn) -> RecordOwn:
-    """Room, bodies, filters and plate."""
+    """Return the record's own with room, bodies, filters and plate fitted."""
     anew, links = anew_rows(record).size, chain.links
     bodies = [e.name for e in links.plate if isinstance(e.effect.form, HeatFlow) and e.effect.form.own_rate is not None]
     lags, room = [e.name for e in links.thermometer], own.ambient_degC
@@ -165,18 +163,19 @@ def _noise(record: Recorded, told: Told, rows: Rows) -> Array:
 
 
 def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: PlatePath) -> RecordOwn:
-    """Memory, and how far filters of film and ohmmeter are behind."""
+    """Return the record's own with memory, and how far filters of film and ohmmeter are behind, fitted."""
     assert told.output is not None
     rows, output = np.flatnonzero(np.isfinite(told.output)), told.output
 
     def residual(of: RecordOwn) -> Array:
         return (output - chain.shown(record, path, of))[rows] / told.sigma_dec
 
-    def cost(of: RecordOwn) -> float:
-        return 0.5 * float(np.sum(residual(of) ** 2))
+    def cost(film: FilmStart) -> float:
+        return 0.5 * float(np.sum(residual(replace(own, film=film)) ** 2))
 
-    own = _remembered(own, path, float(record.time_s[0]), cost)
-    own = through_gaps(own, path, record, cost)
+    first_degC = float(path.at(record.time_s[:1])[0])
+    start = likeliest(beginnings(first_degC, path.plate_degC, own.film), own.film, cost, WORTH)
+    own = replace(own, film=through_gaps(start, gaps_of(record, path), path.plate_degC, cost, WORTH))
     names = [e.name for e in (*chain.links.film_lags, *chain.links.hysteretic_part, *chain.links.meter_lags)]
     if not names:
         return own
@@ -192,53 +191,6 @@ def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: Pl
         return np.stack([(left - m) / STEP_LATE for m in moved], axis=1)
 
     return own_of(_least(left_of, slopes, np.full(len(names), LATE_SPREAD)))
-
-
-def _remembered(own: RecordOwn, path: PlatePath, begin_s: float, cost: Callable[[RecordOwn], float]) -> RecordOwn:
-    """With the memory that suits best, the model's own if none is clearly better."""
-    best, least = own, cost(own) - WORTH
-    for start in beginnings(path, begin_s, own.film):
-        other = replace(own, film=start)
-        value = cost(other)
-        if value < least:
-            best, least = other, value
-    return best
-
-
-def through_gaps(own: RecordOwn, path: PlatePath, record: Recorded, cost: Callable[[RecordOwn], float]) -> RecordOwn:
-    """With what the film went through in each long gap, straight from one end to the other if nothing is clearly
-    better."""
-    first = record.first_rows[1:]
-    passed = np.array(own.film.passed_degC or np.full((first.size, 2), np.nan)).reshape(-1, 2)
-    for k in np.flatnonzero(np.isin(first, longest_gaps(record))):
-        ends = path.at(record.time_s[[first[k] - 1, first[k]]])
-        lower, higher = beyond_ends(ends, path.plate_degC, MARGIN)
-        singles = [(math.nan, degC) for degC in (*lower, *higher)]
-        best, least = own, cost(own)
-        for several, worth in ((singles, WORTH), (there_and_back(lower, higher), 2.0 * WORTH)):
-            for went in several:
-                passed[k] = went
-                two = tuple((float(a), float(b)) for a, b in passed)
-                other = replace(own, film=replace(own.film, passed_degC=two))
-                value = cost(other) + worth
-                if value < least:
-                    best, least = other, value
-        own = best
-        passed[k] = own.film.passed_degC[k] if own.film.passed_degC else math.nan
-    return own
-
-
-def beginnings(path: PlatePath, begin_s: float, start: FilmStart) -> list[FilmStart]:
-    """What a film may remember at the first row: saturated, or turned round once since; the gaps' as in `start`."""
-    low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
-    first, margin = float(path.at(np.array([begin_s]))[0]), MARGIN * (high - low)
-    there = replace(start, initial="heated", previous_degC=None)
-    found = [there, replace(there, initial="cooled")]
-    for t in np.linspace(low - margin, first, SEVERAL)[:-1]:
-        found.append(replace(there, initial="cooled", previous_degC=float(t)))
-    for t in np.linspace(first, high + margin, SEVERAL)[1:]:
-        found.append(replace(there, previous_degC=float(t)))
-    return found
 
 
 def _moved(u: Array, places: slice, by: float) -> Array:

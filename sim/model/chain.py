@@ -76,8 +76,8 @@ class Chain:
         self._film = FilmSide(model.film, self.links) if model.film is not None else None
 
     def start(self, plate_degC: float, memory: Any = None, initial: str | None = None) -> ChainState:
-        """The state as if all had been constant before, bodies on the plate's balance at the ambient. memory: the
-        film's; None: the one that `initial` says (None: the film's default) at that temperature."""
+        """Return the state as if all had been constant before, bodies on the plate's balance at the ambient. memory:
+        the film's; None: the one that `initial` says (None: the film's default) at that temperature."""
         film = None
         if self._film is not None and self.model.film is not None:
             if memory is None:
@@ -88,7 +88,7 @@ class Chain:
         return ChainState(plate_degC, own, tuple(np.full(1, math.nan) for _ in self.links.thermometer), film)
 
     def nodes(self, from_s: float, to_s: float) -> Array:
-        """Times between which the course may be taken as straight."""
+        """Return times between which the course may be taken as straight."""
         count = math.ceil((to_s - from_s) / LONGEST_NODE_S - 1e-9) if self.links.fine else 1
         if count <= 1:
             return np.array((from_s, to_s))
@@ -99,7 +99,7 @@ class Chain:
     def advance(
         self, state: ChainState, time_s: Array, current_A: Array, test_current_A: Array
     ) -> tuple[Stretch, ChainState]:
-        """The course from the state's node, time_s[0], to time_s[-1], and the state there.
+        """Return the course from the state's node, time_s[0], to time_s[-1], and the state there.
 
         current_A: through the plate from each node on. test_current_A: through the film up to each node.
         """
@@ -114,9 +114,9 @@ class Chain:
         unknown_K_per_s: float = 0.0,
         drive_error: float = 0.0,
     ) -> tuple[Array, Array, ChainState]:
-        """(plate's temperature at the nodes, its rates after and before each node in K/s, shape (nodes, 2), state with
-        plate and bodies at the last node). unknown_K_per_s: heating of the plate that the model does not know of;
-        drive_error: by what share its drive heats and cools more than the model says."""
+        """Return (plate's temperature at the nodes, its rates after and before each node in K/s, shape (nodes, 2),
+        state with plate and bodies at the last node). unknown_K_per_s: heating of the plate that the model does not
+        know of; drive_error: by what share its drive heats and cools more than the model says."""
         count = time_s.size
         reset, plate, slopes = np.empty(count), np.empty(count), np.empty((count, 2))
         reset.fill(math.nan)
@@ -131,12 +131,12 @@ class Chain:
     def measure(
         self, state: ChainState, time_s: Array, plate_degC: Array, test_current_A: Array
     ) -> tuple[Stretch, ChainState]:
-        """Thermometer, film and ohmmeter over a given course of the plate."""
+        """Return the stretch of thermometer, film and ohmmeter over a course of the plate, and the state there."""
         shown, state = self.thermometer(state, time_s, plate_degC)
         return self.read(state, time_s, plate_degC, shown, test_current_A)
 
     def thermometer(self, state: ChainState, time_s: Array, plate_degC: Array) -> tuple[Array, ChainState]:
-        """What an ideal thermometer behind the thermometer's filters shows."""
+        """Return what an ideal thermometer behind the thermometer's filters shows."""
         shown, filters = plate_degC, []
         for e, before in zip(self.links.thermometer, state.thermometer, strict=True):
             shown, after = followed(e, time_s, shown, before)
@@ -146,7 +146,7 @@ class Chain:
     def read(
         self, state: ChainState, time_s: Array, plate_degC: Array, shown_degC: Array, test_current_A: Array
     ) -> tuple[Stretch, ChainState]:
-        """Film and ohmmeter over a given course of the plate."""
+        """Return the stretch of film and ohmmeter over a given course of the plate, and the state there."""
         if self._film is None or state.film is None:
             none = np.full(time_s.size, math.nan)
             return Stretch(time_s, plate_degC, shown_degC, plate_degC, none, none), state

@@ -11,7 +11,7 @@ from sim.effects.effect import Effect, Reading
 
 
 def of_conductance(effect: Effect) -> Effect:
-    """The same effect on a conductance, where it is one on a resistance."""
+    """Return the same effect on a conductance, where it is one on a resistance."""
     form = effect.form
     if not (effect.link == "ohmmeter" and isinstance(form, Reading)):
         return effect

@@ -18,7 +18,7 @@ from scipy.interpolate import BSpline
 from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from sim.model.film_nodes import FilmNodes
-from sim.model.operator_outputs import envelope_values, operator_outputs, weighted_outputs
+from sim.model.operator_outputs import envelope_values, operator_outputs
 
 KNOTS = 7  # of a smooth D over the record's range, which bends less often
 SIMPLE = 3  # degree of what D has of simple form
@@ -26,7 +26,7 @@ GRID = 400
 
 
 def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
-    """Output of each operator at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
+    """Return each operator's output at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
     inputs, side = film_path(nodes)
     gamma = envelope_values(inputs, side, shape[None, :])
     rows = nodes.points + (inputs.size - nodes.time_s.size)
@@ -36,7 +36,7 @@ def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
 
 
 def play_columns(nodes: FilmNodes, half_width_K: Array) -> Array:
-    """Classical play operators F_h[T] at the points, degC, shape (points, operators)."""
+    """Return classical play operators F_h[T] at the points, degC, shape (points, operators)."""
     inputs, side = film_path(nodes)
     rows = nodes.points + (inputs.size - nodes.time_s.size)
     out = np.empty((rows.size, half_width_K.size))
@@ -45,43 +45,14 @@ def play_columns(nodes: FilmNodes, half_width_K: Array) -> Array:
     return out
 
 
-def operator_signal(nodes: FilmNodes, shape: Array, radii: Array, weights: Array) -> Array:
-    """The columns times weights, shape (points,)."""
-    inputs, side = film_path(nodes)
-    gamma = envelope_values(inputs, side, shape[None, :])[:, 0]
-    rows = nodes.points + (inputs.size - nodes.time_s.size)
-    out = np.empty(rows.size)
-    weighted_outputs(gamma, side, radii, weights, 1.0, rows, out)
-    return out
-
-
 def film_path(nodes: FilmNodes) -> tuple[Array, NDArray[np.int8]]:
-    """The film's temperatures and the one before, where it is known, and the directions of the steps."""
+    """Return the film's temperatures and the one before, where it is known, and the directions of the steps."""
     inputs, side = nodes.film_degC, nodes.side
     if nodes.previous_degC is None:
         return inputs, side
     inputs = np.concatenate(([nodes.previous_degC], inputs))
     turn = np.int8(np.sign(inputs[1] - inputs[0]))
     return inputs, np.concatenate((side[:1], [turn], side[1:])).astype(np.int8)
-
-
-def play_outputs(nodes: FilmNodes, half_width_K: Array) -> Array:
-    """Classical play operators F_h[T] at the rows' readings, degC, shape (rows, operators)."""
-    inputs, side = film_path(nodes)
-    plays = np.empty((nodes.taken.size, half_width_K.size))
-    order = np.argsort(nodes.taken, kind="stable")
-    rows = nodes.taken[order] + (inputs.size - nodes.time_s.size)
-    part = np.empty_like(plays)
-    group = np.zeros(half_width_K.size, dtype=np.int64)
-    operator_outputs(np.ascontiguousarray(inputs[:, None]), side, half_width_K, group, np.inf, rows, part)
-    plays[order] = part
-    return plays
-
-
-def classical_columns(nodes: FilmNodes, centre: Array, slope: Array, half_width_K: Array) -> Array:
-    """tanh(slope (F_h[T] - centre)) at the rows' readings, shape (rows, operators): relays spread over the plane."""
-    widths, place = np.unique(half_width_K, return_inverse=True)
-    return np.asarray(np.tanh(slope * (play_outputs(nodes, widths)[:, place] - centre)), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +89,13 @@ class SmoothCurve:
         return int(self.cubics.shape[2])
 
     def columns(self, temperature: Array) -> Array:
-        """Shape (samples, count): without the constant."""
+        """Return the columns, shape (samples, count), without the constant."""
         out = np.empty((temperature.size, self.count))
         cubic_columns(self.knots, self.cubics, temperature, out)
         return out
 
     def values(self, temperature: Array, coefficients: Array) -> Array:
-        """The columns times coefficients, shape (samples,)."""
+        """Return the columns times coefficients, shape (samples,)."""
         out = np.empty((temperature.size, 1))
         cubic_columns(self.knots, (self.cubics @ coefficients)[:, :, None], temperature, out)
         return out[:, 0]
@@ -147,7 +118,7 @@ def cubic_columns(knots: Array, cubics: Array, temperature: Array, out: Array) -
 
 
 def _splines(knots: Array, temperature: Array) -> Array:
-    """Cubic B-splines but the first, less their mean; beyond the ends constant."""
+    """Return cubic B-splines but the first, less their mean; beyond the ends constant."""
     inside = np.clip(temperature, knots[0], knots[-1])
     count = knots.size - 4
     design = BSpline(knots, np.eye(count), 3)(inside)

@@ -9,11 +9,7 @@ add; G. Hardy, J. Littlewood, G. Polya, Inequalities, 1934, ch. 2). q = 1 is an 
 p = 2 / d - 1, whose metal percolates at s = 1 / d: the root of its quadratic equation is exp(asinh(a straight function
 of s)) (D. Stroud, Phys. Rev. B 12 (1975) 3368). q = 1 / t is the general one of critical exponent t, where
 p = q (2 / d - 1) (D. McLachlan, J. Phys. C 20 (1987) 865). A model D(T) + N, N a sum of operators, is
-p = percolation = 0. One more number tells by how much the step between the phases changes with temperature:
-
-    y = D(T) + B(exp(change (T - middle) / farthest) N)        B the inverse of F, a constant in N
-
-(of a medium it goes with the root of R_i / R_m, which is an exponential of 1 / T, and D is half-way between them).
+p = percolation = 0; with other numbers it is D(T) + B(N), B the inverse of F.
 
 B takes the ends of a record's output to themselves, so that it changes the form between them and no scale; beyond the
 ends it goes on straight.
@@ -31,9 +27,6 @@ from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Reading, Switched
 from sim.model.ohmmeter import FARTHEST_DEC
 
-MOST_CHANGE = 0.8  # of either sign: an insulator of 0.5 eV, whose resistance changes by 5 % a kelvin, over 30 K
-MOST_EXPONENT = 1.5  # of either sign: domains in series or in parallel, and half as much
-MOST_PERCOLATION = 2.25  # q = 1.5: half as much as an effective medium
 LOGARITHMS = 1e-6  # q times half the range, nepers, below which logarithms add: B bends by half of its square
 
 
@@ -47,7 +40,7 @@ class PhaseMixing:
     percolation: float = 0.0
 
     def mixed(self, u: Array) -> Array:
-        """The film's output, decades."""
+        """Return the film's output, decades."""
         if self._logarithms:
             return u
         share = (u - self.low_dec) / self._range
@@ -63,7 +56,7 @@ class PhaseMixing:
         return np.asarray(y + (share - inside) / self._shares_per_dec(y), dtype=np.float64)
 
     def unmixed(self, y: Array) -> Array:
-        """The u of which B is y."""
+        """Return the u of which B is y."""
         if self._logarithms:
             return y
         inside = np.clip(y, self.low_dec, self.high_dec)
@@ -72,13 +65,13 @@ class PhaseMixing:
         return np.asarray(self.low_dec + self._range * share, dtype=np.float64)
 
     def slope(self, y: Array) -> Array:
-        """dB/du where B is y."""
+        """Return dB/du where B is y."""
         if self._logarithms:
             return np.ones_like(y)
         return 1.0 / (self._range * self._shares_per_dec(np.clip(y, self.low_dec, self.high_dec)))
 
     def reading(self) -> Switched:
-        """B as the first thing that happens to what the operators add up to, on its way to the ohmmeter."""
+        """Return B as the first thing that happens to what the operators add up to, on its way to the ohmmeter."""
 
         def read(par: Array, ohm: Array) -> Array:
             return np.asarray(10.0 ** -np.clip(self.mixed(-np.log10(ohm)), -FARTHEST_DEC, FARTHEST_DEC))
@@ -120,29 +113,9 @@ class PhaseMixing:
         return np.asarray(0.5 * (less * np.exp(qv) - more * np.exp(-qv)), dtype=np.float64)
 
     def _shares_per_dec(self, y: Array) -> Array:
-        """d share / d y."""
+        """Return d share / d y."""
         qv = self._q * math.log(10.0) * (y - self._middle)
         less, more = self._q_less_and_more_p
         first, last = self._ends
         slope = 0.5 * math.log(10.0) * self._q * (less * np.exp(qv) + more * np.exp(-qv))
         return np.asarray(slope / (last - first), dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class FilmMixing:
-    """middle_degC: where the step's change is 0; farthest_K: the distance of a record's temperatures from there;
-    low_dec, high_dec: ends of the output."""
-
-    middle_degC: float
-    farthest_K: float
-    low_dec: float
-    high_dec: float
-
-    def step(self, change: float, film_degC: Array) -> Array:
-        """What the operators are multiplied by at the film's temperatures. change: of its logarithm, over the range."""
-        away = (film_degC - self.middle_degC) / self.farthest_K
-        return np.asarray(np.exp(change * np.clip(away, -1.0, 1.0)), dtype=np.float64)
-
-    def phases(self, exponent: float, percolation: float) -> PhaseMixing:
-        """How the phases add up."""
-        return PhaseMixing(self.low_dec, self.high_dec, exponent, percolation)

@@ -35,25 +35,16 @@ class FilmNodes:
     rows: NDArray[np.int64]
 
     def everywhere(self) -> FilmNodes:
-        """The same with the film's output at all nodes."""
+        """Return the same with the film's output at all nodes."""
         return replace(self, points=np.arange(self.time_s.size), rows=self.taken)
 
-    def same_film(self, other: FilmNodes) -> bool:
-        """Whether the film goes through the same temperatures, and is read at the same of them."""
-        return (
-            self.previous_degC == other.previous_degC
-            and np.array_equal(self.film_degC, other.film_degC)
-            and np.array_equal(self.side, other.side)
-            and np.array_equal(self.taken, other.taken)
-        )
-
     def at_points(self, signal: Array) -> Array:
-        """A signal of the rows at the points, straight between them."""
+        """Return a signal of the rows at the points, straight between them."""
         order = np.argsort(self.taken, kind="stable")
         return np.interp(self.points_s, self.time_s[self.taken[order]], signal[order])
 
     def of_rows(self, columns: Array) -> Array:
-        """What was computed at the points, in every row; not a copy where a row has a point of its own."""
+        """Return what was computed at the points, in every row; not a copy where a row has a point of its own."""
         n = self.points.size
         own = self.rows.size == n and bool(np.all(self.rows == np.arange(n)))
         return columns if own else np.asarray(columns[self.rows], dtype=np.float64)
@@ -73,8 +64,8 @@ def film_nodes(
     start: FilmStart,
     spacing: Spacing = COARSE,
 ) -> FilmNodes:
-    """The film's temperature. late_K: how far each filter of it is behind at the first row; power: of the ohmmeter, if
-    it heats."""
+    """Return the film's temperature. late_K: how far each filter of it is behind at the first row; power: of the
+    ohmmeter, if it heats."""
     jumps_s = power.meter.jumps_s() if power is not None else np.empty(0)
     time, place, temperature = plate_at_film_nodes(record, path, links, jumps_s, start, spacing)
     late = iter(late_K)
@@ -105,17 +96,19 @@ def plate_at_film_nodes(
     start: FilmStart,
     spacing: Spacing = COARSE,
 ) -> tuple[Array, NDArray[np.int64], Array]:
-    """(times at which the film's temperature is needed, the one at which each row's resistance was read, the plate's
-    temperature at them, or what a film went through in a gap). jumps_s: when the ohmmeter's power changes at once."""
+    """Return (times at which the film's temperature is needed, the one at which each row's resistance was read, the
+    plate's temperature at them, or what a film went through in a gap). jumps_s: when the ohmmeter's power changes at
+    once."""
     taken = links.taken(record.taken_s)
     turns = np.concatenate((path.turning_s, jumps_s)) if jumps_s.size else path.turning_s
     gaps = record.first_rows[1:]
     begin, end = record.time_s[gaps - 1], record.time_s[gaps]
     turns = turns[_gap_of(turns, begin, end) < 0]  # what a simulation does there is made up
-    passed = np.asarray(start.passed_degC, dtype=np.float64).reshape(-1, 2)
-    known = np.isfinite(passed)
-    within = np.stack((begin + (end - begin) / 3.0, end - (end - begin) / 3.0), axis=1) if np.any(known) else passed
-    turns = np.concatenate((turns, within[known]))
+    after, passed_degC = start.turned_in_gaps(record.time_s)
+    last = np.append(after[1:] != after[:-1], True)[: after.size]  # of its gap
+    third = (record.time_s[after] - record.time_s[after - 1]) / 3.0
+    within = record.time_s[after - 1] + np.where(last, 2.0, 1.0) * third
+    turns = np.concatenate((turns, within))
     if spacing.film_parts == 1:
         turns = np.concatenate((turns, path.time_s))
     elif links.film_lags or links.meter_lags:
@@ -131,12 +124,11 @@ def plate_at_film_nodes(
         ends, gap = path.at(np.stack((begin, end))), gap[inside]
         way = (time[inside] - begin[gap]) / (end - begin)[gap]
         temperature[inside] = ends[0, gap] + way * (ends[1] - ends[0])[gap]
-    if np.any(known):
-        temperature[np.searchsorted(time, within[known])] = passed[known]
+    temperature[np.searchsorted(time, within)] = passed_degC
     return time, place, temperature
 
 
 def _gap_of(time: Array, begin: Array, end: Array) -> NDArray[np.int64]:
-    """The gap that each time is inside of, -1 for none."""
+    """Return the gap that each time is inside of, -1 for none."""
     gap = np.searchsorted(begin, time) - 1
     return np.where(time < np.append(end, -np.inf)[gap], gap, -1)

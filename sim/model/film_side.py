@@ -72,8 +72,8 @@ class FilmSide:
         self._code, self._par = film.memoryless.code, film.memoryless.array()
 
     def start(self, memory: Any, late: Mapping[str, float] | None = None) -> FilmState:
-        """The state with the given memory, each filter behind by `late`, what is not named as if all had been constant
-        before."""
+        """Return the state with the given memory, each filter behind by `late`, what is not named as if all had been
+        constant before."""
         links = self._links
         filters = _unset(links.film_temperature), _unset(links.hysteretic_part), _unset(links.ohmmeter)
         return FilmState(memory, *filters, late or {})
@@ -81,8 +81,8 @@ class FilmSide:
     def advance(
         self, state: FilmState, time_s: Array, plate_degC: Array, test_current_A: Array
     ) -> tuple[Array, Array, Array, FilmState]:
-        """(film's temperature in degC, -log10 of its own R, the same at the ohmmeter, state at the last node); arrays
-        of shape (nodes,).
+        """Return (film's temperature in degC, -log10 of its own R, the same at the ohmmeter, state at the last node);
+        arrays of shape (nodes,).
 
         time_s counts from the record's first row; test_current_A: up to each node.
         """
@@ -132,11 +132,11 @@ class FilmSide:
         return output, tuple(filters)
 
     def _power(self, state: FilmState, time_s: Array, film_degC: Array, test_current_A: Array) -> Array:
-        """What the ohmmeter heats the film with, W."""
+        """Return what the ohmmeter heats the film with, W."""
         return np.asarray(test_current_A**2 * 10.0 ** -self._respond(state, time_s, film_degC)[0], dtype=np.float64)
 
     def _next(self, state: FilmState, time_s: Array, plate: Array, test: Array, film_degC: Array) -> Array:
-        """g: the film's temperature for the resistance that it has at film_degC."""
+        """Return g: the film's temperature for the resistance that it has at film_degC."""
         return self._warmed(state, time_s, plate, self._power(state, time_s, film_degC, test))[0]
 
     def _heated(self, state: FilmState, time_s: Array, plate: Array, test: Array, cold: Array) -> Array:
@@ -156,7 +156,7 @@ class FilmSide:
         return self._one_by_one(state, time_s, plate, test)
 
     def _one_by_one(self, state: FilmState, time_s: Array, plate: Array, test: Array) -> Array:
-        """The same with a bracket at each node, in the order of time."""
+        """Return the same with a bracket at each node, in the order of time."""
         found = np.empty(time_s.size)
         for k in range(time_s.size):
             first = max(k - 1, 0)

@@ -6,7 +6,6 @@ from one row to the next; in a long one it may have gone anywhere, and what the 
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Final
 
 import numpy as np
@@ -18,14 +17,12 @@ GAP: Final = 1.5  # in median steps, or in those that are longer than nearly all
 UNEVEN: Final = 95.0  # percentile of the steps: where sampling is uneven, 1.5 times that
 SHORT: Final = 6.0  # median steps: a plate does not turn round in a shorter gap
 LONGEST: Final = 12  # long gaps of a record that are looked at: each costs a search
-TRIED: Final = 8  # temperatures on either side of a gap's ends
-NEAREST_K: Final = 0.1  # of them, beyond the ends: less is within a thermometer's error
 Rows = NDArray[np.int64]
 
 
 def gap_threshold(steps_s: Array) -> float:
-    """Steps above it are gaps: 1.5 medians, or, where sampling is uneven, 1.5 times the 95th percentile. Sampling is
-    uneven where many steps are long, or are no multiples of the median."""
+    """Return the step above which steps are gaps: 1.5 medians, or, where sampling is uneven, 1.5 times the 95th
+    percentile. Sampling is uneven where many steps are long, or are no multiples of the median."""
     median = float(np.median(steps_s))
     medians = steps_s / median
     if np.mean(medians > GAP) > 0.1 or np.mean(np.abs(medians - np.round(medians)) < 0.1) < 0.9:
@@ -34,7 +31,7 @@ def gap_threshold(steps_s: Array) -> float:
 
 
 def rows_after_gaps(time_s: Array) -> Rows:
-    """The row after each gap."""
+    """Return the row after each gap."""
     steps = np.diff(time_s)
     if not steps.size:
         return np.empty(0, dtype=np.int64)
@@ -52,19 +49,3 @@ def long_gaps(time_s: Array, after: Rows) -> Rows:
 def longest_of(after: Rows, lasted_s: Array) -> Rows:
     """Of the rows after gaps those after the longest ones, as many as are looked at. lasted_s: how long each was."""
     return np.sort(after[np.argsort(-lasted_s, kind="stable")[:LONGEST]])
-
-
-def beyond_ends(ends_degC: Array, seen_degC: Array, margin: float) -> tuple[list[float], list[float]]:
-    """Where a film may have turned round in a gap, below and above the temperatures at its ends, the nearest first;
-    margin: so far beyond what was seen, in shares of its range."""
-    below, above = float(np.min(ends_degC)), float(np.max(ends_degC))
-    low, high = float(np.min(seen_degC)), float(np.max(seen_degC))
-    beyond = margin * (high - low)
-    lower = below - np.geomspace(NEAREST_K, max(below - low + beyond, 2.0 * NEAREST_K), TRIED)
-    higher = above + np.geomspace(NEAREST_K, max(high - above + beyond, 2.0 * NEAREST_K), TRIED)
-    return lower.tolist(), higher.tolist()
-
-
-def there_and_back(lower: list[float], higher: list[float]) -> list[tuple[float, float]]:
-    """Pairs of temperatures on both sides of a gap, every other one of `beyond_ends`, in either order."""
-    return [*product(lower[::2], higher[::2]), *product(higher[::2], lower[::2])]

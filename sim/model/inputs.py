@@ -33,7 +33,7 @@ class Inputs:
     values: Array
 
     def between(self, row_s: Array, time_s: Array) -> Array:
-        """The mean of each u from each of some times to the next, (times, names)."""
+        """Return the mean of each u from each of some times to the next, (times, names)."""
         out = np.empty((time_s.size, len(self.names)))
         row = np.clip(np.searchsorted(row_s, time_s, side="right") - 1, 0, row_s.size - 1)
         middle = 0.5 * (time_s + np.append(time_s[1:], time_s[-1]))
@@ -43,7 +43,7 @@ class Inputs:
         return out
 
     def coefficients(self, known: Mapping[str, float]) -> Array:
-        """c of each, of a plate whose coefficients are known by name; 0 for one that it does not have."""
+        """Return c of each, of a plate whose coefficients are known by name; 0 for one that it does not have."""
         return np.array([known.get(name, 0.0) for name in self.names])
 
 
@@ -53,8 +53,8 @@ NOTHING: Final = Inputs((), np.empty((0, 0)))
 def constant_inputs(
     columns: Mapping[str, Array], begins: Sequence[int] | NDArray[np.int64]
 ) -> dict[str, tuple[float, float]]:
-    """Those that do not change, and so are no inputs: the least and the largest reading of each, which are two where
-    records that begin in these rows differ."""
+    """Return the inputs that do not change, and so are none: the least and the largest reading of each, which are two
+    where records that begin in these rows differ."""
     changing = logged_inputs(columns, begins).names
     told = {name: columns[name][np.isfinite(columns[name])] for name in NAMES if name in columns}
     return {
@@ -65,8 +65,8 @@ def constant_inputs(
 
 
 def logged_inputs(columns: Mapping[str, Array], begins: Sequence[int] | NDArray[np.int64]) -> Inputs:
-    """Those of the columns (rows,) that are inputs and change. begins: where records begin, each with its own first
-    temperatures, the first one with row 0."""
+    """Return the inputs among the columns (rows,) that change. begins: where records begin, each with its own
+    first temperatures, the first one with row 0."""
     names, found = [], []
     for name in NAMES:
         values = columns.get(name)
@@ -80,8 +80,8 @@ def logged_inputs(columns: Mapping[str, Array], begins: Sequence[int] | NDArray[
 
 
 def _whole(values: Array, name: str, edges: Sequence[int]) -> Array:
-    """u in each row: where none was read, of a drive the one before, of a temperature between its neighbours; 0 in a
-    record without any."""
+    """Return u in each row: where none was read, of a drive the one before, of a temperature between its neighbours; 0
+    in a record without any."""
     u, rows = np.zeros(values.size), np.arange(values.size)
     for first, last in itertools.pairwise(edges):
         own = values[first:last]

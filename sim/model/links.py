@@ -83,7 +83,7 @@ class Links:
         return not self.bends and not self.readings
 
     def sent(self, time_s: Array, current_A: Array) -> tuple[Array, Array]:
-        """When commands act, and what acts; in the order of time."""
+        """Return when commands act, and what acts; in the order of time."""
         for e in self.commands:
             assert isinstance(e.effect.form, Command)
             time_s, current_A = e.effect.form.send(e.par, time_s, current_A)
@@ -91,28 +91,28 @@ class Links:
         return time_s[order], current_A[order]
 
     def taken(self, time_s: Array) -> Array:
-        """When the resistances that are stamped with these times were taken."""
+        """Return when the resistances that are stamped with these times were taken."""
         for e in reversed(self.reading_times):
             assert isinstance(e.effect.form, ReadingTime)
             time_s = e.effect.form.taken(e.par, time_s)
         return time_s
 
     def shown_degC(self, values: Array) -> Array:
-        """What the thermometer shows for its own temperature with noise."""
+        """Return what the thermometer shows for its own temperature with noise."""
         return _shown(self.temperature_readings, values)
 
     def shown_ohm(self, values: Array) -> Array:
-        """What the ohmmeter shows for what it took."""
+        """Return what the ohmmeter shows for what it took."""
         return _shown(self.readings, values)
 
     def own_number(self, name: str) -> int | None:
-        """Which of the effects on the plate has this name."""
+        """Return the place of the effect on the plate with this name."""
         return next((k for k, e in enumerate(self.plate) if e.name == name), None)
 
 
 def followed(effect: Switched, time_s: Array, values: Array, state: Array, late: float = 0.0) -> tuple[Array, Array]:
-    """(what a filter makes of values at the nodes, (nodes,), where it is at the last one); state: where it is at the
-    first node, (1,), nan: `late` behind the first value."""
+    """Return (what a filter makes of values at the nodes, (nodes,), where it is at the last one); state: where it is at
+    the first node, (1,), nan: `late` behind the first value."""
     form, out = effect.effect.form, np.empty(values.size)
     assert isinstance(form, Filter)
     after = state.copy() if late == 0.0 or not math.isnan(state[0]) else values[:1] - late
@@ -121,7 +121,7 @@ def followed(effect: Switched, time_s: Array, values: Array, state: Array, late:
 
 
 def columns_followed(effect: Switched, time_s: Array, columns: Array) -> Array:
-    """Each of (nodes, columns) through a filter that was at rest before the first node."""
+    """Return columns, (nodes, columns), through a filter that was at rest before the first node."""
     form = effect.effect.form
     assert isinstance(form, Filter)
     if form.columns is not None:
@@ -135,33 +135,33 @@ def columns_followed(effect: Switched, time_s: Array, columns: Array) -> Array:
 
 
 def behind(effect: Switched, time_s: Array) -> Array:
-    """What a filter adds to its signal when it is 1 behind at the first node, (nodes, 1)."""
+    """Return what a filter adds to its signal when it is 1 behind at the first node, (nodes, 1)."""
     return followed(effect, time_s, np.zeros(time_s.size), np.array([-1.0]))[0][:, None]
 
 
 def warmed(effect: Switched, time_s: Array, film_degC: Array, power_W: Array) -> Array:
-    """The film's temperature with what an effect adds to it. power_W: of the ohmmeter in the film."""
+    """Return the film's temperature with what an effect adds to it. power_W: of the ohmmeter in the film."""
     form = effect.effect.form
     assert isinstance(form, Warming)
     return np.asarray(film_degC + form.add(effect.par, time_s, power_W), dtype=np.float64)
 
 
 def delays_s(effect: Effect, par: Array, time_s: Array, current_A: Array) -> Array:
-    """How much later than commanded each current acts; 0 for an effect that moves no command."""
+    """Return how much later than commanded each current acts; 0 for an effect that moves no command."""
     if not isinstance(effect.form, Command):
         return np.zeros(1)
     return np.asarray(effect.form.send(par, time_s, current_A)[0] - time_s, dtype=np.float64)
 
 
 def stamps_off_s(effect: Effect, par: Array, time_s: Array) -> Array:
-    """How much later than stamped each value was taken; 0 for an effect that moves no stamp."""
+    """Return how much later than stamped each value was taken; 0 for an effect that moves no stamp."""
     if not isinstance(effect.form, ReadingTime):
         return np.zeros(1)
     return np.asarray(effect.form.taken(par, time_s) - time_s, dtype=np.float64)
 
 
 def shown_output(effect: Switched, output: Array) -> Array:
-    """-log10 of the resistance that an effect of the ohmmeter shows for -log10 of another."""
+    """Return -log10 of the resistance that an effect of the ohmmeter shows for -log10 of another."""
     form = effect.effect.form
     assert isinstance(form, Reading)
     return np.asarray(-np.log10(form.read(effect.par, 10.0**-output)), dtype=np.float64)
@@ -175,7 +175,8 @@ def _shown(effects: Effects, values: Array) -> Array:
 
 
 def links_of(effects: Sequence[Switched]) -> Links:
-    """The effects in their order. Raises ValueError for an effect twice, or of a form that its link does not have."""
+    """Return the effects in their order. Raises ValueError for an effect twice, or of a form that its link does not
+    have."""
     if not effects:  # as of every base model, asked for in each of its trials
         return Links()
     names = [e.name for e in effects]

@@ -25,12 +25,12 @@ class MeterCurrent:
     on_s: Array
 
     def row_at(self, time_s: Array) -> NDArray[np.int64]:
-        """The row whose current is on at any times of the record."""
+        """Return the row whose current is on at any times of the record."""
         after = np.clip(np.searchsorted(self.time_s, time_s, side="left"), 0, self.time_s.size - 1)
         return np.asarray(np.where(time_s <= self.on_s[after], np.maximum(after - 1, 0), after), dtype=np.int64)
 
     def jumps_s(self) -> Array:
-        """When the current changes, and right after: between the two the film's temperature jumps."""
+        """Return when the current changes, and right after: between the two the film's temperature jumps."""
         k = np.flatnonzero(np.diff(self.current_A) != 0.0) + 1
         at = self.on_s[k]
         after = at + RIGHT_AFTER * (self.time_s[k] - self.time_s[k - 1])
@@ -38,7 +38,7 @@ class MeterCurrent:
 
 
 def since_the_row_before(time_s: Array) -> Array:
-    """`MeterCurrent.on_s` where a record does not tell."""
+    """Return `MeterCurrent.on_s` where a record does not tell."""
     return np.append(time_s[:1], time_s[:-1])
 
 
@@ -50,8 +50,8 @@ class MeterPower:
     output: Array
 
     def at(self, time_s: Array) -> Array:
-        """Watts at any times of the record. Beside a change of the current the output is that of the two nearest rows
-        on the same side, straight on."""
+        """Return watts at any times of the record. Beside a change of the current the output is that of the two nearest
+        rows on the same side, straight on."""
         rows, current = self.meter.time_s, self.meter.current_A
         last = rows.size - 1
         after = np.clip(np.searchsorted(rows, time_s, side="left"), 0, last)

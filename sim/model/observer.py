@@ -19,13 +19,16 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel, drive_rate
-from sim.effects.effect import Filter, Switched, Warming
+from sim.effects.effect import Filter, Reading, Switched, Warming
 from sim.model.chain import Chain, ChainModel, ChainState
-from sim.model.links import Effects, warmed
-from sim.model.own_output import own_output_table
+from sim.model.film_side import Film
+from sim.model.links import Effects, Links, shown_output, warmed
 from sim.model.plate_balance import heat_flows, rate_K_per_s
 
 LAG_PARAMETER = "tau_s"
+COLDEST_DEGC, HOTTEST_DEGC = -50.0, 200.0  # between which films are used
+SWEEP, PLACES = 2001, 8001  # temperatures; outputs of the table, 1e-3 dec apart over 8 decades
+BEYOND_DEC = 1.0  # of what the film reaches, or what was shown: a disturbed estimate may lie outside
 Past = tuple[tuple[float, float], ...]
 Course = tuple[tuple[float, float], ...]
 
@@ -94,7 +97,7 @@ class Observer:
         return self.followed(state, plate_degC, plate_degC, test_current_A)
 
     def sent(self, state: ObserverState, current_A: float) -> ObserverState:
-        """A current is commanded at the state's time."""
+        """Return the state after a current is commanded at its time."""
         acts, amounts = self.links.sent(np.array([state.time_s]), np.array([current_A]))
         pairs = tuple(zip(acts.tolist(), amounts.tolist(), strict=True))
         now = [pair for pair in pairs if pair[0] <= state.time_s]
@@ -111,7 +114,8 @@ class Observer:
         elapsed_s: float = math.nan,
         drive_error: float = 0.0,
     ) -> ObserverState:
-        """Time passes in driver, plate and thermometer; film and ohmmeter stay where they were, until `followed`.
+        """Return the state after some time in driver, plate and thermometer; film and ohmmeter stay where they were,
+        until `followed`.
 
         unknown_K_per_s: heating of the plate that the model does not know of. elapsed_s: nan: a period. drive_error: by
         what share the drive heats and cools more than the model says.
@@ -122,7 +126,7 @@ class Observer:
     def followed(
         self, state: ObserverState, plate_degC: float, thermometer_degC: float, test_current_A: float = 0.0
     ) -> ObserverState:
-        """Plate and thermometer corrected to these, then film and ohmmeter over the course since they last followed.
+        """Return the state with plate and thermometer corrected to these, and film and ohmmeter brought up to them.
         test_current_A: of the ohmmeter, through the film."""
         chain, at = self._chain, state.chain
         off_K = thermometer_degC - state.thermometer_degC
@@ -151,7 +155,7 @@ class Observer:
         return replace(state, warming_K=self.warming_K(state, own, test_current_A))
 
     def remembering(self, state: ObserverState, memory: Any) -> ObserverState:
-        """The film has this memory, at its own temperature."""
+        """Return the state in which the film has this memory, at its own temperature."""
         film = state.chain.film
         if film is None:
             return state
@@ -164,14 +168,14 @@ class Observer:
         unknown_K_per_s: float = 0.0,
         drive_error: float = 0.0,
     ) -> ObserverState:
-        """The state when a command of now acts, nothing else being sent and nothing read."""
+        """Return the state when a command of now acts, nothing else being sent and nothing read."""
         if self.delay_s <= 0.0:
             return state
         later = self._predicted(state, state.time_s + self.delay_s, unknown_K_per_s, drive_error)
         return self.followed(later, later.plate_degC, later.thermometer_degC, test_current_A)
 
     def plate_now(self, state: ObserverState) -> PlateModel:
-        """The plate without effects, its ambient such that it loses now what it loses with them."""
+        """Return the plate without effects, its ambient such that it loses now what it loses with them."""
         plate = self.model.plate
         g = plate.conductance_over_capacity_per_s
         if not self._heat.count or g == 0.0:
@@ -181,7 +185,8 @@ class Observer:
         return replace(plate, ambient_degC=plate.ambient_degC + (rate - plate.rate_K_per_s(degC, current)) / g)
 
     def own(self, output: Array | float) -> Array:
-        """The film's own output for what an ohmmeter without lags and skew shows: leads, shunt, ranges taken off."""
+        """Return the film's own output for what an ohmmeter without lags and skew shows: leads, shunt, ranges taken
+        off."""
         if self._table is None:
             return np.asarray(output, dtype=np.float64)
         return np.asarray(np.interp(output, *self._table), dtype=np.float64)
@@ -189,8 +194,8 @@ class Observer:
     def warming_K(
         self, state: ObserverState, output: float, test_current_A: float = 0.0, later_s: float = 0.0
     ) -> float:
-        """What drift and the ohmmeter's power add to the film's temperature, if its own output were this, later_s after
-        the state's time."""
+        """Return what drift and the ohmmeter's power add to the film's temperature, if its own output were this,
+        later_s after the state's time."""
         adding: list[Switched] = [e for e in self.links.film_temperature if isinstance(e.effect.form, Warming)]
         if not adding or self.model.film is None:
             return 0.0
@@ -203,7 +208,7 @@ class Observer:
     def _predicted(
         self, state: ObserverState, until_s: float, unknown_K_per_s: float, drive_error: float
     ) -> ObserverState:
-        """Driver, plate and thermometer up to that time."""
+        """Return the state after driver, plate and thermometer have come to that time."""
         there = until_s + 1e-9  # a command of this very moment, whatever its rounding, acts
         due = sorted(pair for pair in state.on_the_way if pair[0] <= there)
         steps = [(state.time_s, state.acting_A)]
@@ -233,7 +238,7 @@ class Observer:
         )
 
     def _read_late(self, past: Past, time: Array, output: Array) -> tuple[Past, float]:
-        """(what has to be kept of the past, what is stamped with the last of these times)."""
+        """Return (what has to be kept of the past, what is stamped with the last of these times)."""
         taken = float(self.links.taken(time[-1:])[0])
         seen = [
             *past,
@@ -245,5 +250,36 @@ class Observer:
 
 
 def _lag_s(effects: Effects) -> float:
-    """Sum of the lags' time constants."""
+    """Return the sum of the lags' time constants."""
     return math.fsum(e.values().get(LAG_PARAMETER, 0.0) for e in effects if isinstance(e.effect.form, Filter))
+
+
+def own_output_table(links: Links, film: Film | None) -> tuple[Array, Array] | None:
+    """Return (what the ohmmeter shows, the film's own output), both -log10 R, increasing, shape (places,); None where
+    they are the same, or there is no film."""
+    readings = _readings(links)
+    if film is None or not readings:
+        return None
+    up = np.linspace(COLDEST_DEGC, HOTTEST_DEGC, SWEEP)
+    reach = np.concatenate([film.simulate(v, film.initial_memory(float(v[0])))[0] for v in (up, up[::-1])])
+    return _table(readings, float(reach.min()), float(reach.max()))
+
+
+def own_output(links: Links, shown: Array) -> Array:
+    """Return the film's own output for what an ohmmeter without a lag showed, both -log10 R, shape (readings,)."""
+    readings = _readings(links)
+    if not readings or not shown.size:
+        return shown
+    return np.asarray(np.interp(shown, *_table(readings, float(shown.min()), float(shown.max()))), dtype=np.float64)
+
+
+def _readings(links: Links) -> list[Switched]:
+    return [e for e in (*links.ohmmeter, *links.readings) if isinstance(e.effect.form, Reading)]
+
+
+def _table(readings: list[Switched], low: float, high: float) -> tuple[Array, Array]:
+    own = np.linspace(low - BEYOND_DEC, high + BEYOND_DEC, PLACES)
+    shown = own
+    for e in readings:
+        shown = shown_output(e, shown)
+    return np.maximum.accumulate(shown), own

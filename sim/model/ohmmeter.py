@@ -25,9 +25,9 @@ FARTHEST_DEC = 15.0  # from 1 ohm: a trial of a fit beyond it has no resistance
 def shown_in_rows(
     links: Links, nodes: FilmNodes, signal: Array, range_of: Array | None = None, late_dec: Sequence[float] = ()
 ) -> Array:
-    """What is shown in every row, (rows,), for the film's own output at the points. range_of: the outputs, in the rows,
-    by which the ohmmeter chooses its range; None: its own. late_dec: how far each filter is behind at the first node;
-    none: at rest."""
+    """Return what is shown in every row, (rows,), for the film's own output at the points. range_of: the outputs, in
+    the rows, by which the ohmmeter chooses its range; None: its own. late_dec: how far each filter is behind at the
+    first node; none: at rest."""
     late = iter(late_dec)
     for e in links.ohmmeter:
         if isinstance(e.effect.form, Filter):
@@ -46,7 +46,7 @@ def shown_in_rows(
 
 
 def before_ranges(links: Links, nodes: FilmNodes, signal: Array) -> Array:
-    """The same without what acts at thresholds after the last filter: the outputs by which a range is chosen."""
+    """Return the same without what acts at thresholds after the last filter: the outputs by which a range is chosen."""
     plain = [e for e in links.readings if not _has_ranges(e)]
     for e in links.ohmmeter:
         if isinstance(e.effect.form, Filter):
@@ -86,16 +86,16 @@ class Ohmmeter:
                 signal = 0.5 * (up + down)
 
     def columns(self, columns: Array) -> Array:
-        """What columns of the film's own output, (points, k), add to what is shown, (rows, k and one for each filter:
-        of its being one decade behind at the first node)."""
+        """Return what columns of the film's own output, (points, k), add to what is shown, (rows, k and one for each
+        filter: of its being one decade behind at the first node)."""
         return self._through(columns, True)
 
     def plain(self, columns: Array) -> Array:
-        """The same without those of the filters, (rows, k)."""
+        """Return the same without those of the filters, (rows, k)."""
         return self._through(columns, False)
 
     def of_rows(self, columns: Array, taken_s: Array) -> Array:
-        """The same of columns that are known in the rows alone, (rows, k), which were taken at these times."""
+        """Return the same of columns that are known in the rows alone, (rows, k), which were taken at these times."""
         for stage in self._stages:
             if isinstance(stage, Switched):
                 columns = columns_followed(stage, taken_s, columns)

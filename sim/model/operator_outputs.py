@@ -65,44 +65,6 @@ def operator_outputs(
 
 
 @njit
-def weighted_outputs(
-    gamma: Array, side: Sides, radii: Array, weights: Array, top: float, rows: Integers, out: Array
-) -> None:
-    """The outputs of one group times their weights, into out (rows,); gamma (path,), radii rising, the rest as above.
-
-    Outputs of neighbours are no further apart than their radii, so that the operators that move on one way are the
-    first few: their sum is known from gamma, and only those that join them are looked at.
-    """
-    count = radii.size
-    w = np.zeros(count)
-    moving, way, g = 0, 0, 0.0
-    of_moving, of_radii, rest = 0.0, 0.0, 0.0  # weights, weights times radii; weights times outputs of those that stand
-    r = 0
-    for i in range(side.size):
-        s = side[i]
-        if s != 0:
-            turned = 1 if s > 0 else -1
-            if turned != way or s * s > 1:
-                for j in range(moving):
-                    w[j] = g - way * radii[j]
-                if s * s > 1:
-                    for j in range(count):
-                        w[j] = -turned * (top - radii[j])
-                moving, way, of_moving, of_radii, rest = 0, turned, 0.0, 0.0, 0.0
-                for j in range(count):
-                    rest += weights[j] * w[j]
-            g = gamma[i]
-            while moving < count and way * (g - w[moving]) > radii[moving]:
-                of_moving += weights[moving]
-                of_radii += weights[moving] * radii[moving]
-                rest -= weights[moving] * w[moving]
-                moving += 1
-        while r < rows.size and rows[r] == i:
-            out[r] = of_moving * g - way * of_radii + rest
-            r += 1
-
-
-@njit
 def _hand_over(
     first: int,
     by_log_a: float,
@@ -198,7 +160,7 @@ def envelope_values(inputs: Array, side: Sides, shapes: Array) -> Array:
 
 @njit
 def radius_floor(shape: Array) -> tuple[float, Array]:
-    """The smallest radius that the order condition allows for tanh envelopes, and its gradient, shape (4,)."""
+    """Return the smallest radius that the order condition allows for tanh envelopes, and its gradient, shape (4,)."""
     slope_r, centre_r, slope_l, centre_l = math.exp(shape[0]), float(shape[1]), math.exp(shape[2]), float(shape[3])
     envelopes = slope_r, centre_r, slope_l, centre_l
     middle, reach = 0.5 * (centre_r + centre_l), 0.5 * abs(centre_r - centre_l) + 4.0 / min(slope_r, slope_l)
@@ -225,7 +187,7 @@ def radius_floor(shape: Array) -> tuple[float, Array]:
 def _largest_gap(
     slope_r: float, centre_r: float, slope_l: float, centre_l: float, middle: float, reach: float, steps: int
 ) -> tuple[float, float]:
-    """The largest gamma_R - gamma_L of so many steps to each side of the middle, and where it is."""
+    """Return the largest gamma_R - gamma_L of so many steps to each side of the middle, and where it is."""
     largest, at = -np.inf, middle
     for k in range(-steps, steps + 1):
         v = middle + reach * k / steps

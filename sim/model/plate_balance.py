@@ -61,7 +61,7 @@ def _rates(
     heating: float,
     out: Array,
 ) -> float:
-    """dT_p/dt; the rates of the effects' own temperatures into out."""
+    """Return dT_p/dt; the rates of the effects' own temperatures into out."""
     s, r, g, q = seebeck(par, plate), resistance(par, plate), par[2], par[3]
     ambient = par[AMBIENT]
     for k in range(terms.shape[0]):
@@ -153,7 +153,7 @@ class HeatFlows:
         return int(self.terms.shape[0])
 
     def also(self, heating_K_per_s: float) -> HeatFlows:
-        """The same with a constant heating of the plate besides, last of them."""
+        """Return the same with a constant heating of the plate besides, last of them."""
         terms = np.vstack((self.terms, np.array([[_constant.address, 0, 0]], dtype=np.int64)))
         return HeatFlows(terms, np.vstack((self.values, np.array([[heating_K_per_s, 0.0]]))))
 
@@ -167,7 +167,7 @@ def _constant(
 
 
 def heat_flows(effects: Sequence[Switched]) -> HeatFlows:
-    """The effects of form `HeatFlow` among those given."""
+    """Return the effects of form `HeatFlow` among those given."""
     chosen = [(e.effect.form, e.par) for e in effects if isinstance(e.effect.form, HeatFlow)]
     terms = np.zeros((len(chosen), 3), dtype=np.int64)
     values = np.zeros((len(chosen), 2))
@@ -183,5 +183,5 @@ def heat_flows(effects: Sequence[Switched]) -> HeatFlows:
 def rate_K_per_s(
     par: Array, heat: HeatFlows, time_s: float, plate_degC: float, own_degC: Array, current: float
 ) -> float:
-    """dT_p/dt with the effects at one moment; par: of the plate, the slopes included."""
+    """Return dT_p/dt with the effects at one moment; par: of the plate, the slopes included."""
     return float(_rates(par, heat.terms, heat.values, time_s, plate_degC, own_degC, current, 0.0, np.empty(heat.count)))

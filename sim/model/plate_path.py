@@ -33,7 +33,7 @@ class PlatePath:
     joined: deque[tuple[Array, Array, Rows]] = field(default_factory=lambda: deque(maxlen=1), init=False)
 
     def at(self, time: Array) -> Array:
-        """Plate temperature at any times: cubic between nodes, constant slope beyond the ends."""
+        """Return the plate's temperature at any times: cubic between nodes, constant slope beyond the ends."""
         found = next((degC for asked, degC in self.known if np.array_equal(asked, time)), None)
         if found is None:
             found = self._at(time)
@@ -41,8 +41,8 @@ class PlatePath:
         return found.copy()
 
     def together(self, times: Array, taken: Array) -> tuple[Array, Rows]:
-        """All of some times, each once, rising, and where those of them are at which rows were taken, (rows,): the same
-        for every size of a lag."""
+        """Return all of some times, each once, rising, and the places of those at which rows were taken, (rows,):
+        the same for every size of a lag."""
         asked = np.concatenate((times, taken))
         if not self.joined or not np.array_equal(self.joined[0][0], asked):
             time = np.unique(asked)
@@ -59,8 +59,8 @@ class PlatePath:
         return np.asarray(cubic + late * self.slopes[-1, 1], dtype=np.float64)
 
     def finer(self, begins: Mask, parts: int) -> tuple[Array, Array]:
-        """Times and temperatures at so many times as many nodes: what a lag follows bends between two. begins: where a
-        stretch does, shape (nodes,); before those straight."""
+        """Return times and temperatures at so many times as many nodes: what a lag follows bends between two. begins:
+        where a stretch does, shape (nodes,); before those straight."""
         count = parts * (self.time_s.size - 1) + 1
         time, temperature = np.empty(count), np.empty(count)
         _finer(self.time_s, self.plate_degC, self.slopes, begins, parts, time, temperature)
@@ -69,8 +69,8 @@ class PlatePath:
 
 @njit
 def _cubic(x: Any, begin: Any, change: Any, p: Any, q: Any) -> Any:
-    """Between two nodes, x from 0 to 1, with slopes p and q over the whole at its ends (Hermite); numbers or arrays.
-    Compiled, it does not warn where a trial's steps are without an end."""
+    """Return the cubic between two nodes, x from 0 to 1, with slopes p and q over the whole at its ends (Hermite);
+    numbers or arrays. Compiled, it does not warn where a trial's steps are without an end."""
     bend = 3.0 * change - 2.0 * p - q
     return begin + x * (p + x * (bend + x * (p + q - 2.0 * change)))
 
@@ -101,7 +101,7 @@ class Nodes:
 
 
 def plate_nodes(record: Recorded, links: Links, spacing: Spacing = COARSE) -> Nodes:
-    """The record's rows, the moments at which its commands act, and times between them."""
+    """Return the record's rows, the moments at which its commands act, and times between them."""
     acts, amounts = links.sent(*record.commands)
     time = np.union1d(record.time_s, acts[(acts >= record.time_s[0]) & (acts <= record.time_s[-1])])
     if float(np.max(np.diff(time), initial=0.0)) > 1.01 * spacing.longest_s:
@@ -178,8 +178,8 @@ def simulate_plate(
 def behind_thermometer(
     record: Recorded, nodes: Nodes, links: Links, anew: Rows, late_K: Array, path: PlatePath, spacing: Spacing = COARSE
 ) -> Array:
-    """What an ideal thermometer behind the thermometer's filters shows of a plate's path in each row, degC, (rows,).
-    anew, late_K: as of `simulate_plate`."""
+    """Return what an ideal thermometer behind the thermometer's filters shows of a plate's path in each row, degC,
+    (rows,). anew, late_K: as of `simulate_plate`."""
     shown, begins = path.plate_degC, nodes.rows[anew]
     if not links.thermometer:
         return np.asarray(shown[nodes.rows], dtype=np.float64)
@@ -198,7 +198,7 @@ def behind_thermometer(
 
 
 def _turning(nodes: Nodes, temperature: Array) -> Array:
-    """Times between the rows at which the temperature turns round: the film remembers them."""
+    """Return times between the rows at which the temperature turns round: the film remembers them."""
     if nodes.time_s.size == nodes.rows.size:
         return np.empty(0)
     return nodes.time_s[_turns_between(temperature, nodes.rows)]
@@ -206,7 +206,8 @@ def _turning(nodes: Nodes, temperature: Array) -> Array:
 
 @njit
 def _turns_between(temperature: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The nodes besides these, rising ones, at which the temperature turns round; a trial's may be without an end."""
+    """Return the nodes besides these, rising ones, at which the temperature turns round; a trial's may be without an
+    end."""
     found, count, row = np.empty(temperature.size, dtype=np.int64), 0, 0
     for k in range(1, temperature.size - 1):
         while row < rows.size and rows[row] < k:

@@ -7,7 +7,7 @@ are fitted with every record by `sim.inference.nuisance`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,16 +24,29 @@ MOST_ANEW = 10  # long gaps after which what has a temperature of its own begins
 
 @dataclass(frozen=True)
 class FilmStart:
-    """What the film remembers at the first row: saturation at one end, and the turning point since, if any; and what
-    it went through in each gap of the rows, up to two temperatures one after the other (nan: nothing beyond the ends).
-    """
+    """A film's memory at the first row: saturation at one end ("cooled": the hot one), and the turning point since, if
+    any. passed_degC: of each gap in which the film turned round, the time (s) of the row after it, and one or two
+    temperatures at which it did, one after the other."""
 
     initial: Initial = "heated"
     previous_degC: float | None = None
-    passed_degC: tuple[tuple[float, float], ...] = ()
+    passed_degC: tuple[tuple[float, tuple[float, ...]], ...] = ()
+
+    def turned_in_gaps(self, time_s: Array) -> tuple[Rows, Array]:
+        """Return the row before which the film was at each of those temperatures, and these, in sequence."""
+        turned = [(int(np.searchsorted(time_s, t)), degC) for t, several in self.passed_degC for degC in several]
+        rows = np.array([row for row, _ in turned], dtype=np.int64)
+        return rows, np.array([degC for _, degC in turned], dtype=np.float64)
+
+    def turning(self, end_s: float, passed_degC: tuple[float, ...]) -> FilmStart:
+        """Return the memory with other temperatures in the gap that ends at a time; (): straight through it."""
+        others = {time_s: degC for time_s, degC in self.passed_degC if time_s != end_s}
+        if passed_degC:
+            others[end_s] = passed_degC
+        return replace(self, passed_degC=tuple(sorted(others.items())))
 
     def memory(self, film: Film) -> Any:
-        """That of a film, before it comes to its first temperature."""
+        """Return the memory of a film, before it comes to its first temperature."""
         before = self.previous_degC if self.previous_degC is not None else SATURATED_DEGC[self.initial]
         return film.initial_memory(before, self.initial)
 
@@ -58,13 +71,13 @@ class RecordOwn:
 
 
 def anew_rows(record: Recorded) -> Rows:
-    """The first row, and those after gaps so long that bodies and thermometer begin anew, too."""
+    """Return the first row, and those after gaps so long that bodies and thermometer begin anew, too."""
     long = long_gaps(record)
     return np.append(0, long if long.size <= MOST_ANEW else long[:0]).astype(np.int64)
 
 
 def long_gaps(record: Recorded) -> Rows:
-    """The rows after gaps in which a plate may have turned round."""
+    """Return the rows after gaps in which a plate may have turned round."""
     return gaps.long_gaps(record.time_s, record.first_rows[1:])
 
 

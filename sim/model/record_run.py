@@ -51,16 +51,16 @@ class RecordRun:
         return self.model.plate.ambient_degC
 
     def plate(self, record: Recorded, own: RecordOwn) -> PlateRun:
-        """The plate's path, and what an ideal thermometer shows in each row."""
+        """Return the plate's path, and what an ideal thermometer shows in each row."""
         return run_plate(record, self.links, self.model.plate.numbers, own, self.spacing, dict(self.model.plate.inputs))
 
     def shown(self, record: Recorded, path: PlatePath, own: RecordOwn) -> Array:
-        """-log10 of the resistance shown in each row, without noise."""
+        """Return -log10 of the resistance shown in each row, without noise."""
         return self.film(record, path, own).output
 
     def film(self, record: Recorded, path: PlatePath, own: RecordOwn, memory: Any = None) -> FilmRun:
-        """Film and ohmmeter on a course of the plate. memory: the film's, before its first temperature;
-        None: that of `own`."""
+        """Return the run of film and ohmmeter on a course of the plate. memory: the film's, before its first
+        temperature; None: that of `own`."""
         film, links = self.model.film, self.links
         assert film is not None
         test = record.test_current_A if record.test_current_A is not None else np.zeros(record.time_s.size)
@@ -83,8 +83,8 @@ class RecordRun:
 def run_plate(
     record: Recorded, links: Links, par: Array, own: RecordOwn, spacing: Spacing, inputs: Mapping[str, float]
 ) -> PlateRun:
-    """Driver, plate and thermometer over a record. par: as for `simulate_plate`; the room is that of `own`. inputs: how
-    fast one unit of each heats, K/s, by name (`sim.model.inputs`)."""
+    """Return the run of driver, plate and thermometer over a record. par: as for `simulate_plate`; the room is that of
+    `own`. inputs: how fast one unit of each heats, K/s, by name (`sim.model.inputs`)."""
     anew, par = anew_rows(record), par.copy()
     par[AMBIENT] = own.ambient_degC
     at_rest, none = np.full(anew.size, np.nan), np.zeros(anew.size)
@@ -97,7 +97,7 @@ def run_plate(
 
 
 def straight_path(time_s: Array, plate_degC: Array, longest_s: float = np.inf) -> PlatePath:
-    """A course of the plate that is straight between given nodes, cut into parts of at most longest_s."""
+    """Return a course of the plate that is straight between given nodes, cut into parts of at most longest_s."""
     time = time_s
     if np.isfinite(longest_s):
         count = np.maximum(np.ceil(np.diff(time_s) / longest_s - 1e-9).astype(np.int64), 1)

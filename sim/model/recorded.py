@@ -62,8 +62,8 @@ EVENTS = Spacing(np.inf, 1, 1)  # rows and commands alone: exact where nothing l
 
 
 def driven_rows(record: Recorded, joined: Sequence[int] | Rows = ()) -> Mask:
-    """The rows since a current first drove the plate, (rows,): until then nothing is amiss with its heat. joined: where
-    further records of the same rig begin, each with a plate at rest."""
+    """Return the rows since a current first drove the plate, (rows,): until then nothing is amiss with its heat.
+    joined: where further records of the same rig begin, each with a plate at rest."""
     time, current = record.commands
     on_s = np.append(time[current != 0.0], np.inf)
     begin_s = np.append(-np.inf, record.time_s[np.array(joined, dtype=np.int64)])

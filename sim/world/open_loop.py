@@ -69,7 +69,7 @@ def simulate_record(
     resistance_time_s: Array | None = None,
     memory: Any = None,
 ) -> Readings:
-    """Readings of the rows, with the world's noise.
+    """Return readings of the rows, with the world's noise.
 
     resistance_time_s: what the resistances are stamped with, by default the rows' times. memory: the film's at the
     first row, by default the world's. Raises ValueError for effects that clash.
@@ -90,7 +90,8 @@ def film_readings(
     resistance_time_s: Array | None = None,
     memory: Any = None,
 ) -> Readings:
-    """The same where the plate's course is what a thermometer read, straight between rows: film and ohmmeter alone."""
+    """Return the same where the plate's course is what a thermometer read, straight between rows: film and ohmmeter
+    alone."""
     record = _with_test(_rows(time_s, np.zeros(np.size(time_s)), resistance_time_s), meter_current_A)
     known = np.isfinite(temperature_degC)
     read = np.asarray(temperature_degC, dtype=np.float64)
@@ -112,7 +113,7 @@ def _with_test(rows: Commanded, meter_current_A: ArrayLike) -> Commanded:
 
 
 def _beginning(world: World, first_degC: float) -> RecordOwn:
-    """All at rest."""
+    """Return the beginning of a record with all at rest."""
     initial = "heated" if world.film_initial == "heated" else "cooled"
     film = FilmStart(initial, first_degC)  # type: ignore[arg-type]
     return RecordOwn(world.plate.ambient_degC, np.array([first_degC]), film=film)
@@ -121,7 +122,7 @@ def _beginning(world: World, first_degC: float) -> RecordOwn:
 def _read(
     world: World, chain: RecordRun, record: Commanded, path: Any, shown_degC: Array, own: RecordOwn, memory: Any
 ) -> Readings:
-    """Noise and what the instruments make of the values. The noise is that of `SimulatedPlant`'s seed."""
+    """Return what the instruments make of the values, with the noise of `SimulatedPlant`'s seed."""
     film = chain.film(record, path, own, memory)
     thermometer, ohmmeter = np.random.default_rng(world.seed).spawn(2)
     rows = record.time_s.size

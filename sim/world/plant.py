@@ -93,7 +93,7 @@ class SimulatedPlant:
         self.test_current_A = current
 
     def read_temperature_degC(self) -> float:
-        """The thermometer's reading now."""
+        """Return the thermometer's reading now."""
         self._solve()
         value = self._thermometer_degC + self.world.thermometer_noise_K * self._thermometer_noise.draw()
         if not self._links.temperature_readings:
@@ -101,14 +101,14 @@ class SimulatedPlant:
         return float(self._links.shown_degC(np.array([value]))[0])
 
     def sink_temperature_degC(self) -> float:
-        """The far side's temperature: the sink's where it has one, else the ambient."""
+        """Return the far side's temperature: the sink's where it has one, else the ambient."""
         if self._sink is None:
             return self.world.plate.ambient_degC
         self._solve()
         return float(self._state.own_degC[self._sink])
 
     def read_voltage_V(self) -> float:
-        """The detector's voltage at a voltmeter now; 0 where there is none."""
+        """Return the detector's voltage at a voltmeter now; 0 where there is none."""
         detector = self.world.detector
         if detector is None:
             return 0.0
@@ -116,7 +116,7 @@ class SimulatedPlant:
         return detector.voltage_V(float(self._past[1][-1]), self._ohmmeter_noise.draw())
 
     def read_resistance_ohm(self, test_current_A: float) -> float:
-        """The ohmmeter's reading of the film now."""
+        """Return the ohmmeter's reading of the film now."""
         self.set_test_current_A(test_current_A)
         self._solve()
         time, output = self._past
@@ -156,6 +156,6 @@ class SimulatedPlant:
 
 
 def stamp_s(world: World, time_s: Array) -> Array:
-    """What a record calls the times at which a simulated rig took its resistances, where that is earlier."""
+    """Return what a record calls the times at which a simulated rig took its resistances, where that is earlier."""
     ahead = links_of(world.effects).taken(time_s) - time_s
     return time_s - np.maximum(ahead, 0.0)

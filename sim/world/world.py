@@ -11,7 +11,25 @@ from compensator.thermal.plate import PlateModel
 from sim.effects.effect import Switched
 from sim.model.chain import ChainModel
 from sim.model.film_side import Film
-from sim.world.detector import Detector
+
+
+@dataclass(frozen=True)
+class Detector:
+    """A detector between the film and a voltmeter: a position-sensitive diode that watches a cantilever bend. Linear:
+    what a real one adds at the ends of its range is not simulated.
+
+        voltage_V = offset_V + volts_per_unit * u        u: the film's output, in its own unit (1/m of a curvature)
+
+    noise_V: standard deviation of a reading.
+    """
+
+    volts_per_unit: float
+    offset_V: float = 0.0
+    noise_V: float = 0.0
+
+    def voltage_V(self, output: float, standard_normal: float = 0.0) -> float:
+        """Return what the voltmeter reads, V."""
+        return self.offset_V + self.volts_per_unit * output + self.noise_V * standard_normal
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from sim.effects.catalogue import catalogue
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import links_of
 from sim.model.ohmmeter import shown_in_rows
-from sim.world.films.preisach import PreisachFilm
+from sim.world.films import PreisachFilm
 from sim.world.open_loop import Readings, film_readings, simulate_record
 from sim.world.plant import SimulatedPlant, stamp_s
 from sim.world.world import World

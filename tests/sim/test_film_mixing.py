@@ -7,19 +7,19 @@ import pytest
 from scipy.optimize import brentq
 
 from compensator.hysteresis.functions import Array
-from sim.model.film_mixing import FilmMixing, PhaseMixing
+from sim.model.film_mixing import PhaseMixing
 
-MIXING = FilmMixing(60.0, 40.0, -5.0, -2.5)
+LOW_DEC, HIGH_DEC = -5.0, -2.5
 INSULATOR_S, METAL_S = 10.0**-5.0, 10.0**-2.5
 SHARE = np.linspace(0.0, 1.0, 21)
-U = MIXING.low_dec + SHARE * (MIXING.high_dec - MIXING.low_dec)
+U = LOW_DEC + SHARE * (HIGH_DEC - LOW_DEC)
 PHASES = [(-0.8, 0.0), (0.6, 0.0), (0.2, 1.2), (0.0, 0.0), (-1.5, 2.25), (0.0, 1.0), (1e-3, 0.0), (0.0, 1e-6)]
 
 
 @pytest.mark.parametrize("exponent", [-1.0, -0.3, 0.4, 1.0])
 def test_the_output_is_the_power_mean_of_both_ends(exponent: float) -> None:
     ohm = ((1.0 - SHARE) * INSULATOR_S**-exponent + SHARE * METAL_S**-exponent) ** (1.0 / exponent)
-    phases = MIXING.phases(exponent, 0.0)
+    phases = PhaseMixing(LOW_DEC, HIGH_DEC, exponent, 0.0)
     np.testing.assert_allclose(phases.mixed(U), -np.log10(ohm), atol=1e-9)
     np.testing.assert_allclose(phases.unmixed(-np.log10(ohm)), U, atol=1e-9)
     read = phases.reading()
@@ -41,7 +41,7 @@ def medium(threshold: float, critical_exponent: float) -> Array:
 def test_the_output_is_that_of_an_effective_medium(dimensions: float, critical_exponent: float) -> None:
     q = 1.0 / critical_exponent
     exponent = q * (2.0 / dimensions - 1.0)
-    phases = MIXING.phases(exponent, q**2 - exponent**2)
+    phases = PhaseMixing(LOW_DEC, HIGH_DEC, exponent, q**2 - exponent**2)
     expected = medium(1.0 / dimensions, critical_exponent)
     np.testing.assert_allclose(phases.mixed(U), expected, atol=1e-9)
     np.testing.assert_allclose(phases.unmixed(expected), U, atol=1e-9)
@@ -50,15 +50,15 @@ def test_the_output_is_that_of_an_effective_medium(dimensions: float, critical_e
 
 def test_logarithms_add_where_both_numbers_are_0() -> None:
     u = np.linspace(-6.0, -2.0, 9)
-    np.testing.assert_array_equal(MIXING.phases(0.0, 0.0).mixed(u), u)
-    np.testing.assert_allclose(MIXING.phases(1e-5, 0.0).mixed(u), u, atol=1e-4)
-    np.testing.assert_allclose(MIXING.phases(0.0, 1e-10).mixed(u), u, atol=1e-8)
+    np.testing.assert_array_equal(PhaseMixing(LOW_DEC, HIGH_DEC, 0.0, 0.0).mixed(u), u)
+    np.testing.assert_allclose(PhaseMixing(LOW_DEC, HIGH_DEC, 1e-5, 0.0).mixed(u), u, atol=1e-4)
+    np.testing.assert_allclose(PhaseMixing(LOW_DEC, HIGH_DEC, 0.0, 1e-10).mixed(u), u, atol=1e-8)
 
 
 @pytest.mark.parametrize(("exponent", "percolation"), PHASES)
 def test_beyond_the_ends_it_goes_on_straight(exponent: float, percolation: float) -> None:
-    phases = MIXING.phases(exponent, percolation)
-    for end, out in ((MIXING.low_dec, -1.0), (MIXING.high_dec, 1.0)):
+    phases = PhaseMixing(LOW_DEC, HIGH_DEC, exponent, percolation)
+    for end, out in ((LOW_DEC, -1.0), (HIGH_DEC, 1.0)):
         inside, at, beyond, further = phases.mixed(end + out * np.array([-1e-6, 0.0, 1e-6, 2e-6]))
         assert beyond - at == pytest.approx(at - inside, rel=1e-3)
         assert further - beyond == pytest.approx(beyond - at, rel=1e-6)
@@ -66,7 +66,7 @@ def test_beyond_the_ends_it_goes_on_straight(exponent: float, percolation: float
 
 @pytest.mark.parametrize(("exponent", "percolation"), PHASES)
 def test_it_comes_back_and_its_slope_is_its_own(exponent: float, percolation: float) -> None:
-    phases = MIXING.phases(exponent, percolation)
+    phases = PhaseMixing(LOW_DEC, HIGH_DEC, exponent, percolation)
     u = np.linspace(-5.3, -2.2, 311)
     y = phases.mixed(u)
     assert np.all(np.diff(y) > 0.0)
@@ -80,9 +80,3 @@ def test_the_ends_stay_where_they_are() -> None:
     ends = np.array([-5.0, -2.5])
     for exponent, percolation in PHASES:
         np.testing.assert_allclose(PhaseMixing(-5.0, -2.5, exponent, percolation).mixed(ends), ends, atol=1e-9)
-
-
-def test_the_step_between_the_phases_changes_with_temperature_and_never_turns_round() -> None:
-    assert MIXING.step(0.0, np.array([0.0, 200.0])) == pytest.approx([1.0, 1.0])
-    away = np.array([-1.0, 0.0, 0.5, 1.0])
-    assert MIXING.step(-0.4, np.array([20.0, 60.0, 80.0, 300.0])) == pytest.approx(np.exp(-0.4 * away))

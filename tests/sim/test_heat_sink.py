@@ -12,7 +12,7 @@ from compensator.thermal.plate import PlateModel
 from sim.effects.effect import switched
 from sim.effects.heat_sink_warmup import EFFECT
 from sim.model.plate_balance import heat_flows, run
-from sim.world.films.preisach import PreisachFilm
+from sim.world.films import PreisachFilm
 from sim.world.plant import SimulatedPlant, World
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)

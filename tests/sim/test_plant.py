@@ -7,7 +7,7 @@ import pytest
 
 from compensator.hysteresis.film import Memoryless
 from compensator.thermal.plate import PlateModel
-from sim.world.films.preisach import PreisachFilm
+from sim.world.films import PreisachFilm
 from sim.world.plant import SimulatedPlant, World
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)

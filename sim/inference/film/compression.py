@@ -33,7 +33,7 @@ class Compression:
 
 
 def probe(low_degC: float, high_degC: float, seed: int = 0) -> Array:
-    """Temperatures (degC) of minor loops everywhere in a range: two major loops, then random turning points."""
+    """Return temperatures (degC) of minor loops everywhere in a range: two major loops, then random turning points."""
     random = np.random.default_rng(seed)
     turns = np.concatenate(([low_degC, high_degC, low_degC, high_degC], random.uniform(low_degC, high_degC, TURNS)))
     parts = [np.linspace(a, b, ROWS_A_TURN, endpoint=False) for a, b in pairwise(turns)]
@@ -41,7 +41,7 @@ def probe(low_degC: float, high_degC: float, seed: int = 0) -> Array:
 
 
 def compress(model: FilmModel, operators: int, low_degC: float, high_degC: float, seed: int = 0) -> Compression:
-    """The best model with at most `operators` of the model's own operators, over low_degC to high_degC.
+    """Return the best model with at most `operators` of the model's own operators, over low_degC to high_degC.
 
     Raises ValueError for fewer than one operator.
     """
@@ -82,7 +82,7 @@ def _chosen(envelopes: Envelope | tuple[Envelope, ...], kept: list[int]) -> Enve
 
 
 def _fitted(triangle: Array, kept: list[int]) -> tuple[Array, float]:
-    """Offset and weights >= 0 of the operators kept, and the sum of squares that is left."""
+    """Return offset and weights >= 0 of the operators kept, and the sum of squares that is left."""
     index = [0, *(j + 1 for j in kept), triangle.shape[1] - 1]
     return solve_triangle(_triangle(triangle[:, index]), 1)
 

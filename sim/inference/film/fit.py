@@ -2,11 +2,10 @@
 
     u(t) = D(v(t)) + sum_j p_j F_rj^gamma[v](t),   p_j >= 0            paper eq (9)
 
-The way: check the records and find the path behind the noisy temperature (`rows`, `temperature_smoother`); search
-globally on thinned rows for each form of D and the memory that each record began with (`multistart`), or had after a
-gap (`gap_memory`); choose the form, and whether operators with mixed envelopes are worth it (`mixed_envelopes`), by
-rows that were held out (`model_selection`); refine the winner on all rows; say how sure it is (`prediction_bands`) and
-what the records cannot fix (`identifiability`).
+The fit checks the records and finds the path behind the noisy temperature (`rows`, `temperature_path`); searches
+globally on thinned rows for each form of D and for each record's memory at its first row and after gaps (`multistart`,
+`memory`); chooses the form, and whether a Preisach density is worth it, by rows that were held out (`selection`);
+refines the winner on all rows; says how sure it is (`result`) and what the records cannot fix (`notes`).
 """
 
 from __future__ import annotations
@@ -22,14 +21,12 @@ from threadpoolctl import threadpool_limits
 
 from compensator.hysteresis.film import Envelope, FilmModel, Initial
 from compensator.hysteresis.functions import Array
-from sim.inference.film.gap_memory import through_gaps
 from sim.inference.film.memoryless_forms import FORMS, Form
-from sim.inference.film.multistart import choose_starts, refine_starts, search, start_candidates
+from sim.inference.film.multistart import begun, begun_closer, remembered, search, through_unseen
 from sim.inference.film.notes import film_notes
-from sim.inference.film.prediction_bands import uncertainty
 from sim.inference.film.relay_plane import PlaneFit
-from sim.inference.film.result import FilmFit, Prediction, memory_at_start
-from sim.inference.film.rows import FilmRecord, Path, Prepared, Start, build_path, prepare
+from sim.inference.film.result import FilmFit, Prediction, memory_at_start, uncertainty
+from sim.inference.film.rows import FilmRecord, Path, Prepared, build_path, prepare
 from sim.inference.film.selection import (
     Choice,
     Rows,
@@ -44,6 +41,7 @@ from sim.inference.film.variable_projection import PlainFit, Problem, Solution, 
 from sim.inference.readings.checked_columns import check_noise
 from sim.inference.readings.odd_readings import Column, of_output, of_records
 from sim.inference.readings.output_sense import CLEAR, output_falls, output_sense
+from sim.model.record_own import FilmStart
 
 RISES: Final = 0.98  # of the output's changes: where fewer go with the temperature, D may fall; noise is 0.01 at most
 FREE: Final = ("linear", "tanh", "polynomial")  # forms of D that may fall
@@ -51,7 +49,7 @@ AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simp
 STRAYS: Final = 3  # searches for stray readings: a large one hides a smaller one, and the form of D
 GAP_SEARCHES: Final = 3  # what a film went through in a gap is seen better with the envelopes that go with it
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
-__all__ = ["FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
+__all__ = ["FilmFit", "FilmRecord", "FilmStart", "Prediction", "identify_film", "identify_film_records"]
 
 
 def identify_film(
@@ -70,7 +68,8 @@ def identify_film(
     output_name: str = "minus_log10_ohm",
     seed: int = 0,
 ) -> FilmFit:
-    """The film model of one record. Arrays of shape (samples,): s, degC, and the output, nan where there is none.
+    """Return the film model of one record. Arrays of shape (samples,): s, degC, and the output, nan where there is
+    none.
 
     output_time_s: when each output was read, where that differs from its row's time. kind: None chooses between
     "extended_generalized_pi" and "mixed_envelopes" by held-out rows; "generalized_pi" has no D. form: of D, None
@@ -107,7 +106,7 @@ def identify_film_records(
     output_name: str = "minus_log10_ohm",
     seed: int = 0,
 ) -> FilmFit:
-    """One film model for several records, each with its own memory; arguments as for `identify_film`."""
+    """Return one film model for several records, each with its own memory; arguments as for `identify_film`."""
     if not records:
         raise ValueError("records: none given, expected at least one")
     if kind not in (None, "extended_generalized_pi", "generalized_pi", "mixed_envelopes"):
@@ -133,7 +132,7 @@ def identify_film_records(
     if increasing and monotone is None and share < RISES:
         forms += [Form(name, False, low, high) for name in names if name in FREE]
     structure = equal_structure(operators, 1, ordered)
-    with threadpool_limits(limits=1):  # see `triangle`
+    with threadpool_limits(limits=1):  # see `nnls`
         fit = _identified(share_out(prepared), structure, forms, kind, initial, output_name, seed)
     courses = zip(records, prepared, strict=True)
     return replace(
@@ -153,7 +152,7 @@ def _identified(
     seed: int,
 ) -> FilmFit:
     """Return the fit of rows that are checked, with one of some forms of D."""
-    starts = [Start(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
+    starts = [FilmStart(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
     found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed)
     if initial == "fitted":
         starts, found = _fit_memories(rows, starts, structure, forms, found, seed)
@@ -184,7 +183,7 @@ def _identified(
 
 
 def _odd(records: Sequence[FilmRecord], output_name: str) -> tuple[str, ...]:
-    """Lines on readings that cannot be what was measured."""
+    """Return lines on readings that cannot be what was measured."""
     told = []
     for record in records:
         given = (record.time_s, record.temperature_degC, record.output)
@@ -210,38 +209,37 @@ def _share_that_rises(records: Sequence[Prepared], free: bool) -> float:
 
 
 def _likely_end(record: Prepared) -> Initial:
-    """The end of the sweep that the record begins nearer to."""
+    """Return the end of the sweep that the record begins nearer to."""
     middle = 0.5 * (float(np.min(record.inputs)) + float(np.max(record.inputs)))
     return "cooled" if record.inputs[0] >= middle else "heated"
 
 
 def _at_best(
-    rows: Rows, starts: Sequence[Start], structure: Structure, forms: Sequence[Form], found: dict[Form, Solution]
+    rows: Rows, starts: Sequence[FilmStart], structure: Structure, forms: Sequence[Form], found: dict[Form, Solution]
 ) -> tuple[Problem, Array]:
-    """The problem with the form of D that fits best, and what the search found for it."""
+    """Return the problem with the form of D that fits best, and what the search found for it."""
     best = min(forms, key=lambda form: found[form].square)
     return make_problem(build_path(rows.records, starts, rows.thin), structure, best), found[best].theta
 
 
 def _fit_memories(
     rows: Rows,
-    starts: list[Start],
+    starts: list[FilmStart],
     structure: Structure,
     forms: Sequence[Form],
     found: dict[Form, Solution],
     seed: int,
-) -> tuple[list[Start], dict[Form, Solution]]:
-    """The memories with which the records began, and the search repeated with them where they are others."""
+) -> tuple[list[FilmStart], dict[Form, Solution]]:
+    """Return the memories with which the records began, and the search repeated with them where they are others."""
     problem, theta = _at_best(rows, starts, structure, forms, found)
-    options = [start_candidates(record) for record in rows.records]
-    chosen = choose_starts(rows.records, rows.thin, starts, options, problem, theta)
+    chosen = remembered(rows.records, rows.thin, starts, problem, theta, begun)
     if chosen == starts:
         return starts, found
     for _ in range(2):
         extra = [found[form].theta[: problem.split] for form in forms]
         found = search(build_path(rows.records, chosen, rows.thin), structure, forms, seed=seed, extra=extra)
         problem, theta = _at_best(rows, chosen, structure, forms, found)
-        refined = refine_starts(rows.records, rows.train, chosen, problem, theta)
+        refined = remembered(rows.records, rows.train, chosen, problem, theta, begun_closer)
         if refined == chosen:
             break
         chosen = refined
@@ -254,16 +252,17 @@ def _fit_memories(
 
 def _fit_gaps(
     rows: Rows,
-    starts: list[Start],
+    starts: list[FilmStart],
     structure: Structure,
     forms: Sequence[Form],
     found: dict[Form, Solution],
     seed: int,
-) -> tuple[list[Start], dict[Form, Solution]]:
-    """What the film went through where rows are missing, and the search repeated with it where that is something."""
+) -> tuple[list[FilmStart], dict[Form, Solution]]:
+    """Return what the film went through where rows are missing, and the search repeated with it where that is
+    something."""
     for _ in range(GAP_SEARCHES):
         problem, theta = _at_best(rows, starts, structure, forms, found)
-        other = through_gaps(rows.records, rows.thin, starts, problem, theta)
+        other = remembered(rows.records, rows.thin, starts, problem, theta, through_unseen)
         if other == starts:
             break
         starts = other
@@ -273,7 +272,7 @@ def _fit_gaps(
 
 
 def plain_model(fit: PlainFit, kind: str, output_name: str, initial: Initial) -> FilmModel:
-    """The fit as a model with one pair of envelopes; operators without weight are left out."""
+    """Return the fit as a model with one pair of envelopes; operators without weight are left out."""
     problem, solution, theta = fit.problem, fit.solution, fit.solution.theta
     radii, _ = problem.structure.radii(problem.shapes(theta))
     a_r, a_l = math.exp(theta[0]), math.exp(theta[2])
@@ -292,7 +291,7 @@ def plain_model(fit: PlainFit, kind: str, output_name: str, initial: Initial) ->
     )
 
 
-def _fit(rows: Rows, starts: Sequence[Start], path: Path, model: FilmModel, choice: Choice) -> FilmFit:
+def _fit(rows: Rows, starts: Sequence[FilmStart], path: Path, model: FilmModel, choice: Choice) -> FilmFit:
     fit = choice.fit
     residual = path.output - fit.at(path)
     firsts = [float(record.inputs[0]) for record in rows.records]

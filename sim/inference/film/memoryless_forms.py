@@ -58,7 +58,7 @@ class Form:
         return 1 if self.periodic else 0
 
     def bounds(self) -> tuple[Array, Array]:
-        """Least and largest nonlinear parameters."""
+        """Return least and largest nonlinear parameters."""
         if self.name == "tanh":
             return (
                 np.array([math.log(0.3 / self.half), self.low_degC - self.half]),
@@ -75,7 +75,7 @@ class Form:
         return np.empty(0), np.empty(0)
 
     def columns(self, v: Array, par: Array) -> Array:
-        """The columns at temperatures v, shape (rows, k)."""
+        """Return the columns at temperatures v, shape (rows, k)."""
         x = (v - self.middle) / self.half
         if self.name == SMOOTH:
             return np.asarray(np.cos(0.5 * np.pi * np.arange(1, 11) * (x[:, None] + 1.0)), dtype=np.float64)
@@ -103,13 +103,13 @@ class Form:
         return (self.middle + KELVIN) ** 2 / self.half
 
     def _within_quarter(self, par: Array) -> tuple[float, float]:
-        """a and centre such that |a (v - centre)| <= pi / 2 on the range."""
+        """Return a and centre such that |a (v - centre)| <= pi / 2 on the range."""
         a = math.exp(par[0])
         slack = max(0.5 * math.pi / a - self.half, 0.0)
         return a, self.middle + min(max(par[1] - self.middle, -slack), slack)
 
     def memoryless(self, coefficients: Array, par: Array, offset: float) -> Memoryless:
-        """The fitted D as the model's own parameters; `offset` is that of the fit."""
+        """Return the fitted D as the model's own parameters; `offset` is that of the fit."""
         c = [float(value) for value in coefficients]
         if self.name == "none":
             return Memoryless("none", offset=offset)
@@ -135,7 +135,7 @@ class Form:
         return Memoryless(self.name, amplitude, a, phase, offset)
 
     def _power_series(self, c: list[float]) -> list[float]:
-        """Coefficients of v^0..v^3 of the fitted cubic."""
+        """Return coefficients of v^0..v^3 of the fitted cubic."""
         x = np.polynomial.Polynomial([-self.middle / self.half, 1.0 / self.half])
         if self.monotone:
             u = 0.5 * (x + 1.0)

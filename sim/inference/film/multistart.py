@@ -8,28 +8,29 @@ every form of D at once.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from compensator.hysteresis.functions import Array
+from sim.inference.evidence import price
 from sim.inference.film.memoryless_forms import SMOOTH, Form
-from sim.inference.film.rows import Path, Prepared, Start, build_path
+from sim.inference.film.rows import Path, Prepared, build_path
 from sim.inference.film.variable_projection import Problem, Solution, Structure
+from sim.inference.memory import SEVERAL, Cost, beginnings, closer, likeliest, through_gaps
 from sim.model.operator_outputs import GROUP
+from sim.model.record_own import FilmStart
 
 STARTS: Final = 256  # over four to six parameters: about three values of each
-CHANGE_STEPS: Final = 60  # of travel over a range of temperatures: noise is small beside what changes in one
 REFINED: Final = 8  # of the starts, the best: a descent costs as much as a dozen of them
 SHAPES: Final = 48  # of D, tried beside good envelopes
+GAIN: Final = 0.03  # of the mean square that another memory brings: what the model lacks is no noise
 
 
 def envelope_bounds(path: Path, groups: int) -> tuple[Array, Array]:
-    """Least and largest (log a_R, c_R, log a_L, c_L) of every group, from the record's temperatures."""
+    """Return least and largest (log a_R, c_R, log a_L, c_L) of every group, from the record's temperatures."""
     low, high = float(np.min(path.inputs)), float(np.max(path.inputs))
     span = high - low
     least = np.array([math.log(0.5 / span), low - 0.5 * span] * 2)
@@ -38,7 +39,7 @@ def envelope_bounds(path: Path, groups: int) -> tuple[Array, Array]:
 
 
 def transition(path: Path) -> tuple[float, float]:
-    """Where the output changes: the middle and half-width (degC) of the central 80 % of its change per kelvin."""
+    """Return the middle and half-width (degC) of the central 80 % of the output's change per kelvin."""
     v = path.inputs[path.rows]
     edges = np.linspace(np.min(v), np.max(v), 61)
     density = slope_density(path, edges)
@@ -48,58 +49,23 @@ def transition(path: Path) -> tuple[float, float]:
     return 0.5 * float(low + high), max(0.5 * float(high - low), float(edges[1] - edges[0]))
 
 
-def quartiles_of_change(path: Path) -> tuple[float, float, float]:
-    """The temperatures (degC) below which a quarter, a half and three quarters of the output's change are, over all
-    that a record goes through: a slow slope of the rest of the range moves them little. What is seen while heating
-    counts half the loop's width lower, while cooling higher: where the relays' middles are."""
-    v = path.inputs[path.rows]
-    half_width_K = half_width_of_change(path)
-    half_width_K = max(half_width_K, 0.0) if math.isfinite(half_width_K) else 0.0
-    middle, dv, dy = _coarse_steps(path, float(np.ptp(v)) / CHANGE_STEPS)
-    middle = middle - np.sign(dv) * half_width_K
-    low, half, high = _quantiles(middle, np.maximum(np.sign(dv) * dy, 0.0), np.array([0.25, 0.5, 0.75]))
-    return float(low), float(half), float(high)
-
-
-def half_width_of_change(path: Path) -> float:
-    """Half the distance (K) between the temperatures below which half of the output's change is seen while heating and
-    while cooling; nan where a record never goes one of the ways."""
-    v = path.inputs[path.rows]
-    middle, dv, dy = _coarse_steps(path, float(np.ptp(v)) / CHANGE_STEPS)
-    found = []
-    for side in (1.0, -1.0):
-        own = np.sign(dv) == side
-        changed = np.maximum(side * dy[own], 0.0)
-        found.append(float(_quantiles(middle[own], changed, np.array([0.5]))[0]) if np.any(changed) else math.nan)
-    return 0.5 * (found[0] - found[1])
-
-
-def _quantiles(v: Array, weights: Array, shares: Array) -> Array:
-    """Of values with weights."""
-    order = np.argsort(v)
-    total = np.cumsum(weights[order])
-    return np.asarray(np.interp(shares * total[-1], total, v[order]), dtype=np.float64)
-
-
 def _coarse_steps(path: Path, step_K: float) -> tuple[Array, Array, Array]:
-    """Between rows at least so much travel apart: the temperature, its change, the output's."""
+    """Return the temperature, its change and the output's between rows at least so much travel apart."""
     v, y = path.inputs[path.rows], path.output
     travel = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(v)))))
     coarse = np.flatnonzero(np.diff(np.floor(travel / step_K), prepend=-1.0) > 0)
     return 0.5 * (v[coarse][1:] + v[coarse][:-1]), np.diff(v[coarse]), np.diff(y[coarse])
 
 
-def slope_density(path: Path, edges: Array, half_width_K: float = 0.0, sense: float | None = None) -> Array:
+def slope_density(path: Path, edges: Array, sense: float | None = None) -> Array:
     """Return the mean d output / dv >= 0 in each temperature bin, from rows at least half a bin's width apart.
 
-    half_width_K: by which what is seen while heating lies above its bin, and while cooling below.
     sense: 1 heating alone, -1 cooling alone, None both.
     """
     middle, dv, dy = _coarse_steps(path, 0.5 * float(edges[1] - edges[0]))
     if sense is not None:
         own = np.sign(dv) == sense
         middle, dv, dy = middle[own], dv[own], dy[own]
-    middle = middle - np.sign(dv) * half_width_K
     size = edges.size - 1
     place = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, size - 1)
     moved = np.bincount(place, weights=np.abs(dv), minlength=size)
@@ -108,9 +74,9 @@ def slope_density(path: Path, edges: Array, half_width_K: float = 0.0, sense: fl
 
 
 def even_points(count: int, dimensions: int, seed: int) -> Array:
-    """Points that fill the unit cube evenly, shape (count, dimensions): multiples of the powers of 1/x, x the root
-    of x^(d+1) = x + 1, from a random origin (H. Niederreiter, Random Number Generation and Quasi-Monte Carlo Methods
-    (SIAM 1992), ch. 3, on such lattices)."""
+    """Return points that fill the unit cube evenly, shape (count, dimensions): multiples of the powers of 1/x, x the
+    root of x^(d+1) = x + 1, from a random origin (H. Niederreiter, Random Number Generation and Quasi-Monte Carlo
+    Methods (SIAM 1992), ch. 3, on such lattices)."""
     root = 2.0
     for _ in range(40):
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
@@ -120,7 +86,7 @@ def even_points(count: int, dimensions: int, seed: int) -> Array:
 
 
 def starting_points(problem: Problem, count: int, seed: int) -> Array:
-    """Starts over the bounds, shape (count, parameters): slopes on a log scale, centres drawn to the transition."""
+    """Return starts over the bounds, shape (count, parameters): slopes on a log scale, centres near the transition."""
     groups = problem.structure.groups
     middle, half = transition(problem.path)
     dimensions = problem.low.size
@@ -147,7 +113,7 @@ def search(
     seed: int = 0,
     extra: Sequence[Array] = (),
 ) -> dict[Form, Solution]:
-    """The best fit for each form of D; `extra`: envelope parameters (4 groups,) known to be good."""
+    """Return the best fit for each form of D; `extra`: envelope parameters (4 groups,) known to be good."""
     low, high = envelope_bounds(path, structure.groups)
     problems = {form: Problem(path, structure, form, low, high) for form in forms}
     largest = max(problems.values(), key=lambda problem: problem.low.size)
@@ -165,13 +131,13 @@ def search(
 
 
 def _within(problem: Problem, drawn: Array) -> Array:
-    """D's nonlinear parameters from a draw made for the form with the most of them."""
+    """Return D's nonlinear parameters from a draw made for the form with the most of them."""
     count = problem.low.size - problem.split
     return np.clip(drawn[:count], problem.low[problem.split :], problem.high[problem.split :])
 
 
 def _several(problem: Problem, solutions: list[Solution]) -> list[Solution]:
-    """The best few local minima near the best of many solutions, best first."""
+    """Return the best few local minima near the best of many solutions, best first."""
     best = sorted(solutions, key=lambda solution: solution.square)[:REFINED]
     near = sorted((problem.refine(solution, steps=8) for solution in best), key=lambda solution: solution.square)
     if problem.low.size > problem.split:  # D's own shape has local minima: try others beside good envelopes
@@ -198,7 +164,7 @@ def _refined(problem: Problem, solutions: list[Solution]) -> Solution:
 
 
 def _other_forms(problem: Problem, envelopes: Array) -> list[Solution]:
-    """The two best of many shapes of D beside given envelopes, shape (4 groups,)."""
+    """Return the two best of many shapes of D beside given envelopes, shape (4 groups,)."""
     low, high = problem.low[problem.split :], problem.high[problem.split :]
     shapes = low + even_points(SHAPES, low.size, 0) * (high - low)
     operators, _ = problem.operators(np.append(envelopes, shapes[0]))
@@ -206,70 +172,51 @@ def _other_forms(problem: Problem, envelopes: Array) -> list[Solution]:
     return sorted(tried, key=lambda other: other.square)[:2]
 
 
-def start_candidates(record: Prepared) -> list[Start]:
-    """Memories a record may begin with: saturated at either end, with or without one turning point since."""
-    v0 = float(record.inputs[0])
-    low, high = float(np.min(record.inputs)), float(np.max(record.inputs))
-    margin = 0.25 * (high - low)
-    candidates = [Start("cooled"), Start("heated")]
-    candidates += [Start("cooled", float(t)) for t in np.linspace(low - margin, v0, 14)[:-1]]
-    candidates += [Start("heated", float(t)) for t in np.linspace(v0, high + margin, 14)[1:]]
-    return candidates
-
-
-def choose_starts(
+def remembered(
     records: Sequence[Prepared],
     chosen: Sequence[NDArray[np.bool_]],
-    starts: Sequence[Start],
-    candidates: Sequence[Sequence[Start]],
+    starts: Sequence[FilmStart],
     fit: Problem,
     theta: Array,
-) -> list[Start]:
-    """The memories that fit best at theta, record by record: another one has to gain 3 % to be taken."""
-    best = list(starts)
-    for number in range(len(records)):
-        least = mean_square(records, chosen, best, fit, theta)
-        for candidate in candidates[number]:
-            trial = [*best[:number], candidate, *best[number + 1 :]]
-            value = mean_square(records, chosen, trial, fit, theta)
-            if value < 0.97 * least:
-                best, least = trial, value
+    likely: Callable[[FilmStart, Prepared, Cost, float], FilmStart],
+) -> list[FilmStart]:
+    """Return the memories that are likely at theta, record by record. likely: the memory of a record, from the one that
+    is known, its cost, and what another has to bring."""
+    best, readings = list(starts), sum(int(np.sum(c & r.used)) for c, r in zip(chosen, records, strict=True))
+    worth = max(price(1, readings), 0.5 * GAIN * readings)
+    for number, record in enumerate(records):
+
+        def cost(start: FilmStart, number: int = number) -> float:
+            square = mean_square(records, chosen, [*best[:number], start, *best[number + 1 :]], fit, theta)
+            return 0.5 * readings * math.log(max(square, 1e-300))
+
+        best[number] = likely(best[number], record, cost, worth)
     return best
 
 
-def refine_starts(
-    records: Sequence[Prepared],
-    chosen: Sequence[NDArray[np.bool_]],
-    starts: Sequence[Start],
-    fit: Problem,
-    theta: Array,
-) -> list[Start]:
-    """The turning points before the first rows, each at its best at theta."""
-    best = list(starts)
-    for number, (record, start) in enumerate(zip(records, starts, strict=True)):
-        if start.previous_degC is None:
-            continue
-        step = 1.25 * float(np.ptp(record.inputs)) / 13.0
-        v0 = float(record.inputs[0])
-        low, high = start.previous_degC - step, start.previous_degC + step
-        low, high = (low, min(high, v0)) if start.initial == "cooled" else (max(low, v0), high)
+def begun(known: FilmStart, record: Prepared, cost: Cost, worth: float) -> FilmStart:
+    """Return the likeliest memory at the first row."""
+    return likeliest(beginnings(float(record.inputs[0]), record.inputs, known), known, cost, worth)
 
-        def square(previous: float, number: int = number) -> float:
-            trial = [*best[:number], replace(best[number], previous_degC=previous), *best[number + 1 :]]
-            return mean_square(records, chosen, trial, fit, theta)
 
-        found = minimize_scalar(square, bounds=(low, high), method="bounded", options={"xatol": 0.01, "maxiter": 25})
-        best[number] = replace(start, previous_degC=float(found.x))
-    return best
+def begun_closer(known: FilmStart, record: Prepared, cost: Cost, worth: float) -> FilmStart:
+    """Return the memory with its turning point before the first row at its best."""
+    return closer(known, float(record.inputs[0]), 1.25 * float(np.ptp(record.inputs)) / SEVERAL, cost)
+
+
+def through_unseen(known: FilmStart, record: Prepared, cost: Cost, worth: float) -> FilmStart:
+    """Return the memory with what the film went through in the record's gaps."""
+    gaps = [(float(record.time_s[row]), record.inputs[row - 1 : row + 1]) for row in record.longest_unseen]
+    return through_gaps(known, gaps, record.inputs, cost, worth)
 
 
 def mean_square(
     records: Sequence[Prepared],
     chosen: Sequence[NDArray[np.bool_]],
-    starts: Sequence[Start],
+    starts: Sequence[FilmStart],
     fit: Problem,
     theta: Array,
 ) -> float:
-    """What the fit at theta leaves of the chosen rows with other memories: the mean square."""
+    """Return what the fit at theta leaves of the chosen rows with other memories: the mean square."""
     path = build_path(records, starts, chosen)
     return Problem(path, fit.structure, fit.form, *envelope_bounds(path, fit.structure.groups)).solve(theta).square

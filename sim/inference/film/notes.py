@@ -9,9 +9,9 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel, reversal_jumps
 from compensator.hysteresis.functions import Array
-from sim.inference.film.gap_memory import gap_notes
 from sim.inference.film.multistart import transition
-from sim.inference.film.rows import Path, Prepared, Start
+from sim.inference.film.rows import Path, Prepared
+from sim.model.record_own import FilmStart
 
 # at different temperatures inside the transition: at fewer, minor loops between them are extrapolated
 ENOUGH_REVERSALS: Final = 5
@@ -20,7 +20,7 @@ TRANSITION_PER_HALF_WIDTH: Final = 1.25  # from the central 80 % of the change t
 
 
 def reversals_inside(records: Sequence[Prepared], low_degC: float, high_degC: float) -> Array:
-    """Distinct temperatures (degC, sorted) between low and high at which the records turn back."""
+    """Return distinct temperatures (degC, sorted) between low and high at which the records turn back."""
     found = [record.inputs[record.path.turning[1:-1]] for record in records]
     turning = np.sort(np.concatenate(found))
     turning = turning[(turning > low_degC) & (turning < high_degC)]
@@ -33,8 +33,8 @@ def reversals_inside(records: Sequence[Prepared], low_degC: float, high_degC: fl
 
 
 def determined_combinations(operators: Array, weights: Array, noise: float) -> int:
-    """How many combinations of the weights change the output by more than twice the noise when they change by the
-    weights' own size. operators: play outputs, shape (readings, operators)."""
+    """Return how many combinations of the weights change the output by more than twice the noise when they change by
+    the weights' own size. operators: play outputs, shape (readings, operators)."""
     stride = max(1, operators.shape[0] // 2000)
     part = operators[::stride]
     centred = part - part.mean(axis=0)
@@ -45,8 +45,8 @@ def determined_combinations(operators: Array, weights: Array, noise: float) -> i
 
 
 def memoryless_rms(path: Path) -> float:
-    """What is left of the output when only the temperature, not the history, may explain it: local means in bins,
-    with the trend inside a bin taken out."""
+    """Return what is left of the output when only the temperature, not the history, may explain it: local means in
+    bins, with the trend inside a bin taken out."""
     v, y = path.inputs[path.rows], path.output
     order = np.argsort(v, kind="stable")
     square, count = 0.0, 0
@@ -65,14 +65,14 @@ def memoryless_rms(path: Path) -> float:
 
 def film_notes(
     records: Sequence[Prepared],
-    starts: Sequence[Start],
+    starts: Sequence[FilmStart],
     path: Path,
     operators: Array,
     model: FilmModel,
     parameters: float,
     rmse: float,
 ) -> tuple[str, ...]:
-    """Sentences, one for each thing that the records leave open; empty if they fix the model.
+    """Return sentences, one for each thing that the records leave open; empty if they fix the model.
 
     starts: what the film remembers of each record's beginning and gaps; operators: play outputs at the readings, shape
     (readings, operators); parameters: number that were fitted.
@@ -112,12 +112,29 @@ def film_notes(
             f"Record at least {5 * parameters} readings, most of them inside the transition."
         )
     for record, start in zip(records, starts, strict=True):
-        notes += gap_notes(record, start) + _repeats(record)
+        notes += _gaps(record, start) + _repeats(record)
     return tuple(notes)
 
 
+def _gaps(record: Prepared, start: FilmStart) -> list[str]:
+    """Return a line on a record's gaps, if it has any: how long, and what was made of the film's memory in them."""
+    if not record.gaps.size:
+        return []
+    count, longest_s = record.gaps.size, float(np.max(record.gap_s))
+    seen = f"{record.name}: {count} gap{'s' * (count > 1)} in time, the longest of {longest_s:.3g} s: "
+    if not record.unseen.size:
+        return [f"{seen}too short for the temperature to have turned round; in between it is taken as monotone."]
+    looked = record.longest_unseen.size
+    after = "it" if count == 1 else "each" if looked == count else f"the {looked} longest" if looked > 1 else "that one"
+    made = f"{seen}the temperature in between is unknown, so the film's memory after {after} is estimated anew"
+    if not start.passed_degC:
+        return [f"{made}: no excursion shows in the readings that follow."]
+    shown = [f"{' and '.join(f'{t:.1f}' for t in degC)} degC before {at:g} s" for at, degC in start.passed_degC]
+    return [f"{made}, as if the temperature had gone to {'; to '.join(shown)}."]
+
+
 def _repeats(record: Prepared) -> list[str]:
-    """A line on readings that stand in several rows, if any do."""
+    """Return a line on readings that stand in several rows, if any do."""
     if not record.repeated.size:
         return []
     fresh = int(np.sum(np.isfinite(record.output))) - record.repeated.size
@@ -132,7 +149,8 @@ def _repeats(record: Prepared) -> list[str]:
 
 
 def _no_hysteresis(low: float, high: float, middle: float | None) -> str:
-    """Between the ends of a record, degC; middle: of the transition, None where it is not seen as a whole."""
+    """Return the line on a film without hysteresis between the ends of a record, degC; middle: of the transition, None
+    where it is not seen as a whole."""
     seen = f"No hysteresis larger than the noise is seen between {low:.1f} and {high:.1f} degC"
     if middle is not None:
         return (
@@ -146,8 +164,8 @@ def _no_hysteresis(low: float, high: float, middle: float | None) -> str:
 
 
 def _minor_loops(turned: Array, inside: tuple[float, float], one_way: bool, known: int, weights: int) -> list[str]:
-    """What reversals inside the transition leave open. turned: their temperatures, degC; inside: the transition's ends,
-    degC; known: how many combinations of the weights the readings fix."""
+    """Return what reversals inside the transition leave open. turned: their temperatures, degC; inside: the
+    transition's ends, degC; known: how many combinations of the weights the readings fix."""
     several = f"reversals at ten or more temperatures between {inside[0]:.1f} and {inside[1]:.1f} degC"
     if turned.size == 0:
         return [

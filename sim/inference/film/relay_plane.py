@@ -22,8 +22,7 @@ from sim.inference.film.multistart import slope_density
 from sim.inference.film.preisach_density import PreisachDensity
 from sim.inference.film.rows import Path
 from sim.inference.film.variable_projection import PlainFit
-from sim.inference.nnls import solve_triangle
-from sim.inference.triangle import reduced
+from sim.inference.nnls import reduced, solve_triangle
 from sim.model.operator_outputs import operator_outputs
 
 THRESHOLDS: Final = (12, 18, 24, 36)  # of either sense: half finer each, up to what half a second can compute
@@ -115,6 +114,12 @@ class PlaneFit:
         """Return each operator's output at the readings, shape (readings, operators)."""
         plays = self.plain.play_outputs(path)[:, self.pi_weights > 0.0]
         return np.concatenate((plays, relay_outputs(self.relays, path)), axis=1)
+
+    @property
+    def precision(self) -> Array:
+        """Return the precision of the prior of all parameters, over that of the readings: 0 but for the relays'."""
+        others = 1 + int(np.sum(self.coefficients != 0.0)) + int(np.sum(self.pi_weights > 0.0))
+        return np.diag(np.append(np.zeros(others), np.full(self.weights.size, self.width**-2.0)))
 
     def jacobian(self, path: Path) -> Array:
         """Return the derivatives by the offset, D's coefficients and the weights, shape (readings, parameters)."""

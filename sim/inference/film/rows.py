@@ -1,9 +1,7 @@
 """Records of a film made ready for a fit: checked, freed of outliers, with a path for the operators.
 
-A film's memory belongs to its record. What happened before the first row is described by a `Start`: saturation at
-the hot ("cooled") or cold ("heated") end and, where the first row lies inside the transition, one turning point
-between that end and the first row; and what it went through while rows were missing by the temperatures that it turned
-round at there. Rate independence makes the path cheap: besides the rows with readings only its turning points count.
+A film's memory belongs to its record (`FilmStart`). Rate independence makes the path cheap: besides the rows with
+readings only its turning points count.
 """
 
 from __future__ import annotations
@@ -15,7 +13,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compensator.hysteresis.film import Initial
 from compensator.hysteresis.functions import Array
 from sim.inference.readings.checked_columns import checked_columns
 from sim.inference.readings.outliers import lone_outliers
@@ -23,6 +20,7 @@ from sim.inference.readings.repeated import repeated_rows
 from sim.inference.readings.temperature_path import TemperaturePath, temperature_path, turning_points
 from sim.model.gaps import long_gaps, longest_of, rows_after_gaps
 from sim.model.operator_outputs import Integers, Sides
+from sim.model.record_own import FilmStart
 
 FEWEST: Final = 12  # readings below which nothing is fitted
 
@@ -39,24 +37,6 @@ class FilmRecord:
     name: str = "record"
     output_time_s: ArrayLike | None = None
     course_degC: ArrayLike | None = None
-
-
-@dataclass(frozen=True)
-class Start:
-    """What the film remembers at a record's first row: from saturation to `previous_degC` (if any), to the row.
-
-    passed_degC: of gaps in which it turned round the time (s) of the row after it, and at which temperatures.
-    """
-
-    initial: Initial = "cooled"
-    previous_degC: float | None = None
-    passed_degC: tuple[tuple[float, tuple[float, ...]], ...] = ()
-
-    def turned_in_gaps(self, time_s: Array) -> tuple[Integers, Array]:
-        """The row before which the film was at each of those temperatures, and these, in sequence."""
-        turned = [(int(np.searchsorted(time_s, t)), degC) for t, several in self.passed_degC for degC in several]
-        rows = np.array([row for row, _ in turned], dtype=np.int64)
-        return rows, np.array([degC for _, degC in turned], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,27 +122,28 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
 
 
 def _without_temperature(time: Array, known: NDArray[np.bool_]) -> Integers:
-    """The rows after gaps that the film's memory is not known through: between two readings of the thermometer, whether
-    there are rows or not."""
+    """Return the rows after gaps that the film's memory is not known through: between two readings of the thermometer,
+    whether there are rows or not."""
     rows = np.flatnonzero(known)
     return np.asarray(rows[long_gaps(time[rows], rows_after_gaps(time[rows]))], dtype=np.int64)
 
 
 def _gaps(time: Array, known: NDArray[np.bool_], unseen: Integers) -> Integers:
-    """The row after each gap in time, and after those without a temperature: rows between belong to one gap."""
+    """Return the row after each gap in time, and after those without a temperature: rows between belong to one gap."""
     rows, after = np.flatnonzero(known), rows_after_gaps(time)
     then = rows[np.minimum(np.searchsorted(rows, after), rows.size - 1)]
     return np.union1d(after[~np.isin(then, unseen)], unseen).astype(np.int64)
 
 
 def _last_known(known: NDArray[np.bool_], gaps: Integers) -> Integers:
-    """The last row before each gap, with a temperature where there is any."""
+    """Return the last row before each gap, with a temperature where there is any."""
     rows = np.flatnonzero(known)
     return np.asarray(np.where(gaps > rows[0], rows[np.searchsorted(rows, gaps) - 1], gaps - 1), dtype=np.int64)
 
 
 def _at_reading_times(record: Prepared, before: Integers, read_s: Array) -> Prepared:
-    """The record with a row of its own for each output that was read between two rows. before: the rows before gaps."""
+    """Return the record with a row of its own for each output that was read between two rows. before: the rows before
+    gaps."""
     read = np.clip(np.where(np.isfinite(read_s), read_s, record.time_s), record.time_s[0], record.time_s[-1])
     apart = np.flatnonzero(record.used & (read != record.time_s))
     if not apart.size:
@@ -186,18 +167,18 @@ def _at_reading_times(record: Prepared, before: Integers, read_s: Array) -> Prep
 
 
 def _first_after(last: int, end: int, row: int, origin: Integers, used: NDArray[np.bool_]) -> int:
-    """Where what follows a gap begins, between the rows at its ends: at its end, which is that row of the record, or at
-    the first reading of this or a later row that is from within the gap: whatever the film went through in it, it went
-    through before. origin, used: of rows and readings in sequence."""
+    """Return where what follows a gap begins, between the rows at its ends: at its end, which is that row of the
+    record, or at the first reading of this or a later row that is from within the gap: whatever the film went through
+    in it, it went through before. origin, used: of rows and readings in sequence."""
     within = np.arange(last + 1, end)
     early = within[used[within] & (origin[within] >= row)]
     return int(early[0]) if early.size else end
 
 
 def build_path(
-    records: Sequence[Prepared], starts: Sequence[Start], chosen: Sequence[NDArray[np.bool_]] | None = None
+    records: Sequence[Prepared], starts: Sequence[FilmStart], chosen: Sequence[NDArray[np.bool_]] | None = None
 ) -> Path:
-    """One path through all records, with the chosen rows' readings (default: all used rows')."""
+    """Return one path through all records, with the chosen rows' readings (default: all used rows')."""
     inputs, sides, rows, outputs, owners, samples = [], [], [], [], [], []
     length = 0
     for number, (record, start) in enumerate(zip(records, starts, strict=True)):
@@ -237,7 +218,7 @@ def build_path(
 
 
 def held_out_blocks(record: Prepared, blocks: int = 90) -> NDArray[np.bool_]:
-    """Rows to hold out: every third of short blocks of readings, which leaves each stretch of a sweep covered."""
+    """Return rows to hold out: every third of short blocks of readings, so that each stretch of a sweep is covered."""
     rows = np.flatnonzero(record.used)
     length = max(1, round(rows.size / blocks))
     held = np.zeros(record.used.size, dtype=np.bool_)
@@ -246,7 +227,7 @@ def held_out_blocks(record: Prepared, blocks: int = 90) -> NDArray[np.bool_]:
 
 
 def thinned(record: Prepared, chosen: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
-    """At most about `most` of the chosen rows, evenly in sequence."""
+    """Return at most about `most` of the chosen rows, evenly in sequence."""
     rows = np.flatnonzero(record.used & chosen)
     keep = np.zeros(record.used.size, dtype=np.bool_)
     if rows.size:

@@ -20,10 +20,11 @@ from compensator.hysteresis.functions import Array
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.multistart import envelope_bounds
 from sim.inference.film.relay_plane import THRESHOLDS, PlaneFit, fit_plane, fit_plane_judged, relays_over
-from sim.inference.film.rows import Path, Prepared, Start, build_path, held_out_blocks, thinned
+from sim.inference.film.rows import Path, Prepared, build_path, held_out_blocks, thinned
 from sim.inference.film.variable_projection import PlainFit, Problem, Structure, denser, merged
 from sim.inference.noise import Readings, estimate
 from sim.inference.readings.outliers import lone_outliers
+from sim.model.record_own import FilmStart
 
 GLOBAL_ROWS: Final = 700  # of a global search: enough for its five to seven numbers
 PLANE_ROWS: Final = 8000  # of a Preisach density: some ten readings a relay
@@ -56,14 +57,14 @@ class Rows:
     held: list[NDArray[np.bool_]]
 
     def thinner(self, most: int, of: Sequence[NDArray[np.bool_]] | None = None) -> list[NDArray[np.bool_]]:
-        """At most about `most` of some rows, default all, shared among the records."""
+        """Return at most about `most` of some rows, default all, shared among the records."""
         share = max(most // len(self.records), 60)
         chosen = of if of is not None else [record.used for record in self.records]
         return [thinned(record, part, share) for record, part in zip(self.records, chosen, strict=True)]
 
 
 def share_out(records: Sequence[Prepared]) -> Rows:
-    """The rows of the records, a third of them held out."""
+    """Return the rows of the records, a third of them held out."""
     held = [held_out_blocks(record) for record in records]
     rows = Rows(list(records), held, [record.used & ~out for record, out in zip(records, held, strict=True)], held)
     return replace(rows, thin=rows.thinner(GLOBAL_ROWS))
@@ -75,7 +76,7 @@ def make_problem(path: Path, structure: Structure, form: Form) -> Problem:
 
 
 def rms(values: Array) -> float:
-    """Root of the mean square."""
+    """Return the root of the mean square."""
     return math.sqrt(float(np.mean(values**2)))
 
 
@@ -98,7 +99,7 @@ class Choice:
 
 def choose_form(
     rows: Rows,
-    starts: Sequence[Start],
+    starts: Sequence[FilmStart],
     structure: Structure,
     forms: Sequence[Form],
     theta: dict[Form, Array],
@@ -118,7 +119,7 @@ def choose_form(
     return Choice(whole, best, least, candidates)
 
 
-def choose_plane(rows: Rows, starts: Sequence[Start], film: Choice, needed: bool) -> Choice:
+def choose_plane(rows: Rows, starts: Sequence[FilmStart], film: Choice, needed: bool) -> Choice:
     """Return the best Preisach density where it predicts better than a film with one pair of envelopes, or is needed;
     else that film. No film predicts to within less than the white noise."""
     every, held = build_path(rows.records, starts), build_path(rows.records, starts, rows.held)
@@ -153,7 +154,7 @@ def refine_plain(path: Path, structure: Structure, form: Form, theta: Array) -> 
     return PlainFit(problem, problem.refine(problem.solve(solution.theta), steps=4))
 
 
-def without_strays(rows: Rows, starts: Sequence[Start], fit: FilmOfRecords) -> Rows:
+def without_strays(rows: Rows, starts: Sequence[FilmStart], fit: FilmOfRecords) -> Rows:
     """Return the rows without those readings that stand alone among the residuals of a fit to all of them; the same
     rows if there are none."""
     path = build_path(rows.records, starts)

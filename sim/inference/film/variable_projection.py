@@ -18,8 +18,7 @@ from compensator.hysteresis.functions import Array
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.rows import Path
 from sim.inference.levenberg_marquardt import Damping, Linearized, descend
-from sim.inference.nnls import solve_triangle
-from sim.inference.triangle import triangle
+from sim.inference.nnls import solve_triangle, triangle
 from sim.model.operator_outputs import (
     GROUP,
     Integers,
@@ -47,7 +46,7 @@ class Structure:
         return int(self.group[-1]) + 1
 
     def radii(self, shapes: Array) -> tuple[Array, Array]:
-        """Radii (operators,) and the gradient of each group's floor (groups, 4)."""
+        """Return radii (operators,) and the gradient of each group's floor (groups, 4)."""
         if not self.ordered:
             return self.fractions.copy(), np.zeros((self.groups, GROUP))
         floors, slopes = zip(*(radius_floor(shape) for shape in shapes), strict=True)
@@ -56,21 +55,21 @@ class Structure:
 
 
 def equal_structure(operators: int, groups: int = 1, ordered: bool = True) -> Structure:
-    """`operators` in all, shared out evenly, each group's radii evenly spaced from its floor to below 1."""
+    """Return `operators` in all, shared out evenly, each group's radii evenly spaced from its floor to below 1."""
     sizes = [operators // groups + (k < operators % groups) for k in range(groups)]
     group = np.repeat(np.arange(groups), sizes).astype(np.int64)
     return Structure(group, np.concatenate([np.arange(size) / size for size in sizes]), ordered)
 
 
 def denser(structure: Structure, factor: int = 4) -> Structure:
-    """The same groups on radius grids with `factor` times as many places: true radii are on nobody's grid."""
+    """Return the same groups on radius grids with `factor` times as many places: true radii are on nobody's grid."""
     sizes = [factor * int(np.sum(structure.group == k)) for k in range(structure.groups)]
     group = np.repeat(np.arange(structure.groups), sizes).astype(np.int64)
     return Structure(group, np.concatenate([np.arange(size) / size for size in sizes]), structure.ordered)
 
 
 def merged(structure: Structure, weights: Array, most: int) -> Structure:
-    """Only the operators with weight, neighbours joined at their common centre until there are at most `most`."""
+    """Return only the operators with weight, neighbours joined at their common centre down to at most `most`."""
     kept = weights > 1e-6 * float(np.sum(weights))
     if not np.any(kept):
         return Structure(structure.group[:1], structure.fractions[:1], structure.ordered)
@@ -112,14 +111,14 @@ class Problem:
         self._fixed = form.columns(self.v, d_low) if d_low.size == 0 else None  # of a form that no theta changes
 
     def _memoryless(self, theta: Array) -> Array:
-        """D's columns at the readings."""
+        """Return D's columns at the readings."""
         return self.form.columns(self.v, theta[self.split :]) if self._fixed is None else self._fixed
 
     def shapes(self, theta: Array) -> Array:
         return np.ascontiguousarray(theta[: self.split].reshape(-1, GROUP))
 
     def operators(self, theta: Array) -> tuple[Array, Array]:
-        """Operator outputs at the readings, shape (readings, operators), and the envelopes along the path."""
+        """Return operator outputs at the readings, shape (readings, operators), and the envelopes along the path."""
         shapes = self.shapes(theta)
         gamma = envelope_values(self.path.inputs, self.path.side, shapes)
         radii, _ = self.structure.radii(shapes)
@@ -128,7 +127,7 @@ class Problem:
         return out, gamma
 
     def solve(self, theta: Array) -> Solution:
-        """The best coefficients at theta."""
+        """Return the best coefficients at theta."""
         return self.solve_columns(theta, self.operators(theta)[0])
 
     def solve_columns(self, theta: Array, operators: Array) -> Solution:
@@ -144,7 +143,7 @@ class Problem:
         return Solution(theta, float(residual @ residual) / residual.size, x[k:], x[:k], offset, residual)
 
     def derivatives(self, solution: Solution, gamma: Array) -> Array:
-        """d fit / d theta at fixed coefficients, shape (readings, parameters)."""
+        """Return d fit / d theta at fixed coefficients, shape (readings, parameters)."""
         shapes = self.shapes(solution.theta)
         radii, slopes = self.structure.radii(shapes)
         out = np.zeros((self.path.rows.size, solution.theta.size))
@@ -173,14 +172,14 @@ class Problem:
         return out
 
     def active_columns(self, solution: Solution, operators: Array) -> Array:
-        """The columns that carry the fit, the constant first: shape (readings, 1 + active)."""
+        """Return the columns that carry the fit, the constant first: shape (readings, 1 + active)."""
         memoryless = self._memoryless(solution.theta)
         used = solution.coefficients != 0.0
         ones = np.ones((self.v.size, 1))
         return np.concatenate((ones, memoryless[:, used], operators[:, solution.weights > 0.0]), axis=1)
 
     def refine(self, start: Solution, *, steps: int = 20, tolerance: float = 1e-5) -> Solution:
-        """The local minimum reached from a solution, which may be one on another path."""
+        """Return the local minimum reached from a solution, which may be one on another path."""
         if start.residual.size != self.v.size:
             start = self.solve(start.theta)
 
@@ -202,7 +201,7 @@ class Problem:
 
     @staticmethod
     def _projected(active: Array, jacobian: Array, solution: Solution) -> tuple[Array, Array]:
-        """J'PJ and J'Pe, P the projector off the active columns: the lower right block of the common triangle."""
+        """Return J'PJ and J'Pe, P the projector off the active columns: the lower right of the common triangle."""
         common = np.concatenate((active, jacobian, solution.residual[:, None]), axis=1)
         first = active.shape[1]
         rest = triangle(common)[first:, first:]
@@ -259,16 +258,21 @@ class PlainFit:
         used = np.sum(self.solution.weights > 0.0) + np.sum(self.solution.coefficients != 0.0)
         return int(used) + 1 + self.solution.theta.size
 
+    @property
+    def precision(self) -> None:
+        """There are no priors."""
+        return None
+
     def _along(self, path: Path) -> Problem:
         own = self.problem
         return Problem(path, own.structure, own.form, own.low[: own.split], own.high[: own.split])
 
     def play_outputs(self, path: Path) -> Array:
-        """Operator outputs at the path's readings, shape (readings, operators)."""
+        """Return operator outputs at the path's readings, shape (readings, operators)."""
         return self._along(path).operators(self.solution.theta)[0]
 
     def jacobian(self, path: Path) -> Array:
-        """Outer parameters, offset, D's coefficients, active weights: shape (readings, parameters)."""
+        """Return outer parameters, offset, D's coefficients, active weights: shape (readings, parameters)."""
         other = self._along(path)
         operators, gamma = other.operators(self.solution.theta)
         outer = other.derivatives(self.solution, gamma)

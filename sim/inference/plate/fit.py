@@ -43,7 +43,7 @@ from sim.inference.evidence import price
 from sim.inference.film.rows import FEWEST
 from sim.inference.levenberg_marquardt import least_squares
 from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, variances
-from sim.inference.plate.notes import far_off, plate_notes
+from sim.inference.plate.result import PlateFit, plate_notes
 from sim.inference.plate.starts import Stretch, rough_balances
 from sim.inference.readings.checked_columns import checked_columns
 from sim.inference.readings.odd_readings import Column, of_records
@@ -74,6 +74,7 @@ SHARE: Final = (0.4, 0.3)  # of the largest current in that of largest cooling, 
 LAG_STARTS_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
 SHORTEST_LAG_S: Final = 0.05  # less is within a row of any record
 LEAST_NOISE_K: Final = 1e-5  # a simulation without noise, to the rounding of its solver
+__all__ = ["PlateFit", "PlateRecord", "identify_plate", "identify_plate_records"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,47 +86,6 @@ class PlateRecord:
     temperature_degC: ArrayLike
     current_A: ArrayLike
     name: str = "record"
-
-
-@dataclass(frozen=True, eq=False)
-class PlateFit:
-    """The identified plate.
-
-    model; names, values, standard_errors: of the parameters, shape (parameters,), an error inf where the records fix
-    nothing; correlation: (parameters, parameters); lag_s: of the thermometer behind the plate, 0 where it was not asked
-    for or does not make the records likelier. first_degC: temperature at the start of each stretch, with `stretches`
-    its (record, first row, last row + 1). noise: of the thermometer, and of what the model lacks. rmse_K, max_abs_K: of
-    the simulation over all readings that count; outliers: number of readings that do not count in full;
-    identifiability: what the records cannot fix; longest_s: of the stretches. course_degC: the plate's likeliest
-    temperature in each row of each record, from the simulation and the readings; nan in rows of no stretch.
-    """
-
-    model: PlateModel
-    names: tuple[str, ...]
-    values: Array
-    standard_errors: Array
-    correlation: Array
-    first_degC: tuple[float, ...]
-    stretches: tuple[tuple[int, int, int], ...]
-    noise: Noise
-    log_likelihood: float
-    rmse_K: float
-    max_abs_K: float
-    outliers: int
-    identifiability: tuple[str, ...]
-    longest_s: float
-    lag_s: float = 0.0
-    course_degC: tuple[Array, ...] = ()
-
-    @property
-    def noise_K(self) -> float:
-        """White noise of the thermometer."""
-        return self.noise.white
-
-    @property
-    def far_off(self) -> bool:
-        """Whether the model is off by far more than the thermometer's noise; one of `identifiability` says so."""
-        return far_off(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +141,7 @@ class PlateRows:
 
     @classmethod
     def of(cls, records: Sequence[PlateRecord]) -> PlateRows:
-        """The records checked and joined. Raises ValueError, one line, for one that cannot be used."""
+        """Return the records checked and joined. Raises ValueError, one line, for one that cannot be used."""
         parts, stretches, lengths, outliers, rows, end_s = [], [], [], 0, 0, 0.0
         for number, record in enumerate(records):
             time, temperature, current = _checked(record)
@@ -212,7 +172,7 @@ class PlateRows:
 
 
 def _checked(record: PlateRecord) -> tuple[Array, Array, Array]:
-    """Time, temperature and current of a record that can be used."""
+    """Return time, temperature and current of a record that can be used."""
     name, columns = record.name, ("time_s", "temperature_degC", "current_A")
     time, temperature, current = checked_columns({c: getattr(record, c) for c in columns}, name).values()
     finite = temperature[np.isfinite(temperature)]
@@ -257,18 +217,27 @@ def identify_plate_records(
         raise ValueError(f"kind: {kind!r}: expected 'peltier' or 'heater'")
     if not records:
         raise ValueError("records: none given, expected at least one")
-    rows = PlateRows.of(records)
+    rows, odd = PlateRows.of(records), _odd(records)
+
+    def noted(at: _Point) -> PlateFit:
+        fit = _result(at)
+        notes = plate_notes(
+            fit,
+            rows.current_A,
+            lambda current, other: _result(_plain(replace(rows, current_A=current), other, slopes)),
+        )
+        return replace(fit, identifiability=(*odd, *notes))
+
     # a trial plate may run away; its residual is then refused
     with np.errstate(over="ignore", invalid="ignore"):
-        fit = fitted(rows, kind, lag, slopes)
-        notes = plate_notes(
-            fit, rows.current_A, lambda current, other: fitted(replace(rows, current_A=current), other, False, slopes)
-        )
-    return replace(fit, identifiability=(*_odd(records), *notes))
+        plain = _plain(rows, kind, slopes)
+        lagging = _with_lag(plain) if lag else plain
+        fit = noted(plain)
+        return fit if lagging is plain else replace(noted(lagging), without_lag=fit)
 
 
 def _odd(records: Sequence[PlateRecord]) -> tuple[str, ...]:
-    """Lines on temperatures that cannot be what was measured."""
+    """Return lines on temperatures that cannot be what was measured."""
     columns = []
     for record in records:
         time, degC = (np.asarray(values, dtype=np.float64) for values in (record.time_s, record.temperature_degC))
@@ -296,11 +265,11 @@ class _Problem:
         self._nodes: dict[bool, Nodes] = {}
 
     def shown(self, unknowns: Array) -> Array:
-        """What the thermometer shows without noise, (used readings,)."""
+        """Return what the thermometer shows without noise, (used readings,)."""
         return self.simulated(unknowns)[self.used]
 
     def simulated(self, unknowns: Array) -> Array:
-        """The same in every row, (rows,)."""
+        """Return the same in every row, (rows,)."""
         rows = self.rows
         links = self._links(float(unknowns[self.split - 1])) if self.lag else Links()
         if self.lag not in self._nodes:
@@ -313,7 +282,7 @@ class _Problem:
         return run.shown_degC
 
     def course(self, unknowns: Array, noise: Noise, readings: Readings) -> Array:
-        """The plate's temperature in each row: simulated, and what the readings say beyond that, degC, (rows,)."""
+        """Return the plate's temperature in each row, simulated and corrected by the readings, degC, (rows,)."""
         plain = np.delete(unknowns, self.split - 1) if self.lag else unknowns
         alone = self if not self.lag else _Problem(self.rows, self.kind, False, self.slopes)
         plate = alone.simulated(plain)
@@ -327,13 +296,13 @@ class _Problem:
         return links_of((switched(SENSOR_LAG, {"tau_s": lag_s}),))
 
     def residual(self, unknowns: Array) -> Array:
-        """Measured less modelled, K, (used readings,); large where a trial runs away."""
+        """Return measured less modelled, K, (used readings,); large where a trial runs away."""
         left = self.rows.temperature_degC[self.used] - self.shown(unknowns)
         return np.where(np.isfinite(left), left, 1e6)
 
     def jacobian(self, unknowns: Array, residual: Array) -> Array:
-        """d residual / d unknowns, (used readings, unknowns). The first temperatures share one simulation: each acts on
-        its own stretch."""
+        """Return d residual / d unknowns, (used readings, unknowns). The first temperatures share one simulation: each
+        acts on its own stretch."""
         columns = []
         for k in range(self.split):
             step = 1e-5 * max(abs(unknowns[k]), 1e-3)
@@ -348,8 +317,8 @@ class _Problem:
         return np.stack(columns, axis=1)
 
     def priors(self, unknowns: Array) -> tuple[Array, Array]:
-        """How far the unknowns are from what is known beforehand, in deviations, and the derivatives: first what plates
-        have in common, then what is known of the slopes."""
+        """Return how far the unknowns are from what is known beforehand, in deviations, and the derivatives: first what
+        plates have in common, then what is known of the slopes."""
         away, rows = [], []
 
         def expected(value: float, prior: tuple[float, float], by: dict[int, float]) -> None:
@@ -371,7 +340,7 @@ class _Problem:
         return np.array(away), np.stack(rows)
 
     def descend(self, unknowns: Array, whitening: Whitening, evaluations: int) -> tuple[Array, float]:
-        """The unknowns of the highest posterior density near some, and half of what it is penalized by there."""
+        """Return the unknowns of the highest posterior density near some, and half of what it is penalized by there."""
 
         def white(x: Array) -> Array:
             return np.concatenate((whitening.of(self.residual(x)), self.priors(x)[0]))
@@ -394,13 +363,9 @@ class _Point:
     most_slow: float
 
 
-def fitted(rows: PlateRows, kind: Kind, lag: bool, slopes: bool) -> PlateFit:
-    """Fit the plate of rows that were checked."""
-    problem = _Problem(rows, kind, False, slopes)
-    plain = _likeliest(_started(problem))
-    if lag:
-        plain = _with_lag(plain)
-    return _result(plain)
+def _plain(rows: PlateRows, kind: Kind, slopes: bool) -> _Point:
+    """Return the likeliest plate without a lag of the thermometer."""
+    return _likeliest(_started(_Problem(rows, kind, False, slopes)))
 
 
 def _readings(problem: _Problem) -> Readings:
@@ -410,7 +375,7 @@ def _readings(problem: _Problem) -> Readings:
 
 
 def _started(problem: _Problem) -> _Point:
-    """The best of several starts, by the simulation error alone: no discrepancy stands in for a bad start."""
+    """Return the best of several starts, by the simulation error alone: no discrepancy stands in for a bad start."""
     rows, readings = problem.rows, _readings(problem)
     temperature = rows.temperature_degC[problem.used]
     moves = np.diff(temperature)
@@ -432,7 +397,7 @@ def _started(problem: _Problem) -> _Point:
 
 
 def _measured(problem: _Problem, unknowns: Array, readings: Readings, most_slow: float) -> _Point:
-    """The point with the noise that its residual shows, readings far out weighing less."""
+    """Return the point with the noise that its residual shows, readings far out weighing less."""
     residual = problem.residual(unknowns)
     for _ in range(3):
         noise = estimate(residual, readings, LEAST_NOISE_K, most_slow)
@@ -447,13 +412,13 @@ def _measured(problem: _Problem, unknowns: Array, readings: Readings, most_slow:
 
 
 def _likeliest(at: _Point) -> _Point:
-    """The point of the highest likelihood with the noise of a point near it, and its own noise."""
+    """Return the point of the highest likelihood with the noise of a point near it, and its own noise."""
     unknowns, _ = at.problem.descend(at.unknowns, Whitening(at.noise, at.readings), 40)
     return _measured(at.problem, unknowns, at.readings, at.most_slow)
 
 
 def _with_lag(plain: _Point) -> _Point:
-    """The best fit with a lagging thermometer, where it is worth its price; else the one without."""
+    """Return the best fit with a lagging thermometer, where it is worth its price; else the one without."""
     problem = _Problem(plain.problem.rows, plain.problem.kind, True, plain.problem.slopes)
     best, split = plain, plain.problem.split
     whitening = Whitening(plain.noise, plain.readings)
@@ -473,10 +438,10 @@ def _result(at: _Point) -> PlateFit:
     problem, unknowns, kind = at.problem, at.unknowns, at.problem.kind
     count, whitening = len(problem.places), Whitening(at.noise, at.readings)
     residual = problem.residual(unknowns)
-    away, by = problem.priors(unknowns)
-    known = slice(away.size - len(SLOPES) * problem.slopes, away.size)  # of the slopes alone
-    jacobian = np.vstack((whitening.of(problem.jacobian(unknowns, residual)), by[known]))
-    covariance = block_sandwich(jacobian, np.append(whitening.of(residual), away[known]))
+    by = problem.priors(unknowns)[1]
+    known = by[by.shape[0] - len(SLOPES) * problem.slopes :]  # of the slopes alone
+    jacobian = whitening.of(problem.jacobian(unknowns, residual))
+    covariance = block_sandwich(jacobian, whitening.of(residual), precision=known.T @ known)
     par = np.zeros(NUMBERS)
     par[problem.places] = unknowns[:count]
     s, r, g, q, ambient, of_s, of_r = (float(value) for value in par)
@@ -503,7 +468,7 @@ def _result(at: _Point) -> PlateFit:
 
 
 def _by_record(rows: PlateRows, values: Array) -> tuple[Array, ...]:
-    """Values of all rows in those of each record, nan in rows of no stretch."""
+    """Return values of all rows in those of each record, nan in rows of no stretch."""
     lengths = rows.lengths
     found = [np.full(length, np.nan) for length in lengths]
     for first_row, (number, first, last) in zip(rows.first_rows.tolist(), rows.stretches, strict=True):

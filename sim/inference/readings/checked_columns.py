@@ -12,7 +12,8 @@ from compensator.hysteresis.functions import Array
 
 
 def checked_columns(columns: Mapping[str, ArrayLike], record: str = "") -> dict[str, Array]:
-    """The columns as numbers, each of shape (samples,); "time_s" (s) is among them. record: whose, for the error.
+    """Return the columns as numbers, each of shape (samples,); "time_s" (s) is among them. record: whose, for the
+    error.
 
     Raises ValueError with one line: which column, what it is, what is expected. Rows count from 1.
     """

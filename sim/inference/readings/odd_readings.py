@@ -43,7 +43,7 @@ class Column:
     rises: bool = False
 
     def at(self, row: int) -> str:
-        """A reading in words."""
+        """Return a reading in words."""
         if self.quantity == "degC":
             return f"{self.values[row]:.4g} degC"
         if self.quantity == "decades":
@@ -52,7 +52,7 @@ class Column:
 
 
 def of_output(time_s: Array, output: Array, output_name: str) -> Column:
-    """The column of a film's output, by the name that its model has."""
+    """Return the column of a film's output, by the name that its model has."""
     if output_name in ("minus_log10_ohm", "log10_ohm"):
         return Column("resistance_ohm", time_s, output, "decades", output_name == "log10_ohm")
     return Column(output_name, time_s, output)
@@ -61,8 +61,8 @@ def of_output(time_s: Array, output: Array, output_name: str) -> Column:
 def odd_readings(
     column: Column, temperature_degC: Array | None = None, left_out: Sequence[int] | None = None
 ) -> list[str]:
-    """A line for bad readings, and one for a unit that changes. temperature_degC: in the same rows, where the column is
-    a film's; left_out: the rows that count for nothing, None: all that are bad."""
+    """Return a line for bad readings, and one for a unit that changes. temperature_degC: in the same rows, where the
+    column is a film's; left_out: the rows that count for nothing, None: all that are bad."""
     changes = _unit_changes(column, temperature_degC)
     lines = [
         f"{column.name}: {_place(column, row)}: the reading goes from {column.at(before)} to {column.at(row)} at once "
@@ -77,7 +77,7 @@ def odd_readings(
 
 
 def bad_rows(column: Column) -> NDArray[np.int64]:
-    """The rows of lone readings that are far off, beyond a last digit's flicker."""
+    """Return the rows of lone readings that are far off, beyond a last digit's flicker."""
     finite = np.isfinite(column.values)
     rows = np.flatnonzero(finite)
     found = lone_outliers(column.values, finite)
@@ -94,7 +94,7 @@ def bad_rows(column: Column) -> NDArray[np.int64]:
 
 
 def rows_told(rows: Sequence[int] | NDArray[np.int64]) -> str:
-    """Numbers of rows in words, from 1 on; of many the first ones."""
+    """Return numbers of rows in words, from 1 on; of many the first ones."""
     told = ", ".join(str(int(row) + 1) for row in rows[:ROWS_TOLD])
     more = f" and {len(rows) - ROWS_TOLD} more" if len(rows) > ROWS_TOLD else ""
     return f"row{'s' * (len(rows) > 1)} {told}{more}"
@@ -124,7 +124,7 @@ def _place(column: Column, row: int) -> str:
 
 
 def _unit_changes(column: Column, temperature_degC: Array | None) -> list[tuple[int, int, str, str]]:
-    """(the row before, the row, unit before, unit after) of each change of a unit."""
+    """Return (the row before, the row, unit before, unit after) of each change of a unit."""
     rows = np.flatnonzero(np.isfinite(column.values))
     y = column.values[rows]
     jumps = np.diff(y)
@@ -143,7 +143,7 @@ def _unit_changes(column: Column, temperature_degC: Array | None) -> list[tuple[
 
 
 def _units(column: Column, before: float, after: float) -> tuple[str, str] | None:
-    """The units between which a reading changes so, None if there are none."""
+    """Return the units between which a reading changes so, None if there are none."""
     if column.quantity == "degC":
         if abs(abs(after - before) - KELVINS) < NEAR_K:
             return ("degC", "K") if after > before else ("K", "degC")
@@ -176,8 +176,8 @@ def _along(jumps: Array, rows: NDArray[np.int64], k: int, temperature_degC: Arra
 
 
 def of_records(records: Sequence[tuple[str, Sequence[Column]]]) -> tuple[str, ...]:
-    """The lines of several records, each with its name and its columns, the temperature first; what is no number there
-    is no reading."""
+    """Return the lines of several records, each with its name and its columns, the temperature first; what is no number
+    there is no reading."""
     lines = []
     for name, columns in records:
         for column in columns:

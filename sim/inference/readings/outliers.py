@@ -20,7 +20,7 @@ FEWEST: Final = 7
 
 
 def lone_outliers(values: Array, finite: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Rows of lone outliers among the finite values, shape (found,)."""
+    """Return rows of lone outliers among the finite values, shape (found,)."""
     rows = np.flatnonzero(finite)
     if rows.size < FEWEST:
         return np.empty(0, dtype=np.int64)

@@ -46,8 +46,8 @@ def _share(steps: list[tuple[Array, Array]]) -> float:
 
 
 def _lag(steps: list[tuple[Array, Array]]) -> float:
-    """By how much the output is higher while cooling than while heating, mean over the temperatures seen both ways, of
-    its span; 0 where there are none."""
+    """Return by how much the output is higher while cooling than while heating, mean over the temperatures seen both
+    ways, of its span; 0 where there are none."""
     if not steps:
         return 0.0
     middle = np.concatenate([0.5 * (v[1:] + v[:-1]) for v, _ in steps])
@@ -66,7 +66,8 @@ def _lag(steps: list[tuple[Array, Array]]) -> float:
 
 
 def _steps(temperature: Array, output: Array) -> tuple[Array, Array]:
-    """Means of both over the rows of each step, within which the temperature moves by less than `STEP` of its range."""
+    """Return means of both over the rows of each step, within which the temperature moves by less than `STEP` of its
+    range."""
     rows = np.flatnonzero(np.isfinite(temperature) & np.isfinite(output))
     rows = rows[:: max(1, rows.size // MOST_ROWS)]
     v, y = temperature[rows], output[rows]

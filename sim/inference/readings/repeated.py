@@ -24,8 +24,9 @@ OFTEN: Final = 0.5  # of the values off the steps: so many have to be repeated
 
 
 def repeated_rows(values: Array, fewest: int = 0) -> NDArray[np.int64]:
-    """The rows in which an instrument repeats the reading before, if it is slower than the rows; else none. values:
-    (rows,), nan where there is no reading; fewest: readings that have to be left, or there are none to leave out."""
+    """Return the rows in which an instrument repeats the reading before, if it is slower than the rows; else none.
+    values: (rows,), nan where there is no reading; fewest: readings that have to be left, or there are none to leave
+    out."""
     rows = np.flatnonzero(np.isfinite(values))
     y = values[rows]
     fresh = np.concatenate(([True], np.diff(y) != 0.0)) if y.size else np.empty(0, dtype=np.bool_)

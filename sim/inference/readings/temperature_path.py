@@ -66,7 +66,7 @@ class TemperaturePath:
 def _smooth(
     steps: Array, readings: Array, used: NDArray[np.bool_], density: Array, backward: bool, work: Array
 ) -> float:
-    """Kalman filter (and smoother) with unit reading variance: the sum of the innovations' log variances.
+    """Return the sum of the innovations' log variances of a Kalman filter (and smoother) with unit reading variance.
 
     steps: s, shape (n - 1,); density: q / sigma^2 in each step. work: shape (n, 8); its columns become
     T, rate (smoothed if `backward`), the filter's covariance, and the innovation over its standard deviation.
@@ -120,7 +120,7 @@ def _smooth(
 
 @njit
 def turning_points(values: Array, threshold: float) -> NDArray[np.int64]:
-    """Indices of the turning points whose reversals exceed the threshold; the first and last row are among them."""
+    """Return indices of the turning points whose reversals exceed the threshold, first and last row included."""
     found = np.empty(values.size + 1, dtype=np.int64)
     found[0] = 0
     count, sense = 1, 0
@@ -154,14 +154,15 @@ def _variance(innovations: Array) -> float:
 
 
 def _cost(logs: float, innovations: Array) -> float:
-    """-2 log L up to constants, of innovations that follow Student's t with four degrees of freedom: a few large
+    """Return -2 log L up to constants, of innovations that follow Student's t with four degrees of freedom: a few large
     ones, at the corners of a profile, must not pass for noise or for a restless rate."""
     square = _variance(innovations) + 1e-300
     return logs + innovations.size * math.log(square) + 5.0 * float(np.sum(np.log1p(innovations**2 / (4.0 * square))))
 
 
 def _cost_of_corners(logs: float, innovations: Array) -> float:
-    """The same of normal innovations: once the corners are found, a large one says that the rate changes by more."""
+    """Return the same of normal innovations: once the corners are found, a large one says that the rate changes by
+    more."""
     square = _variance(innovations) + 1e-300
     return logs + innovations.size * math.log(square) + float(np.sum(innovations**2)) / square
 
@@ -169,8 +170,8 @@ def _cost_of_corners(logs: float, innovations: Array) -> float:
 def _density(
     steps: Array, readings: Array, used: NDArray[np.bool_], extra: Array, grids: Sequence[Array] = CLOSELY
 ) -> float:
-    """q / sigma^2 (1/s^3) of the highest likelihood beside what is added at corners, by grids in its logarithm, each
-    about the best of the one before."""
+    """Return q / sigma^2 (1/s^3) of the highest likelihood beside what is added at corners, by grids in its logarithm,
+    each about the best of the one before."""
     work = np.empty((readings.size, 8))
     best = -3.0 * math.log(float(np.median(steps)))
     for offsets in grids:
@@ -181,8 +182,8 @@ def _density(
 
 
 def _corners(steps: Array, readings: Array, used: NDArray[np.bool_], breaks: NDArray[np.bool_], change: float) -> Array:
-    """The density to add at the corners, of the highest likelihood; 0 elsewhere. change: of the rate, over the noise's
-    standard deviation, 1/s: a range of it."""
+    """Return the density to add at the corners, of the highest likelihood; 0 elsewhere. change: of the rate, over the
+    noise's standard deviation, 1/s: a range of it."""
     work = np.empty((readings.size, 8))
     spread = [_spread(steps, breaks, width * float(np.median(steps))) for width in (0.0, *ROUNDED)]
 
@@ -202,8 +203,8 @@ def _corners(steps: Array, readings: Array, used: NDArray[np.bool_], breaks: NDA
 
 
 def _spread(steps: Array, breaks: NDArray[np.bool_], lasts_s: float) -> Array:
-    """In which steps the rate changes at corners that last at least so long, about the middle of the breaks that make
-    them: the density of a change whose mean square over a corner is 1, (steps,), 1/s."""
+    """Return in which steps the rate changes at corners that last at least so long, about the middle of the breaks that
+    make them: the density of a change whose mean square over a corner is 1, (steps,), 1/s."""
     edges = np.concatenate((np.zeros(1), np.cumsum(steps)))
     first = np.flatnonzero(breaks & ~np.append(False, breaks[:-1]))
     last = np.flatnonzero(breaks & ~np.append(breaks[1:], False))
@@ -219,7 +220,7 @@ def _spread(steps: Array, breaks: NDArray[np.bool_], lasts_s: float) -> Array:
 def temperature_path(
     time_s: ArrayLike, temperature_degC: ArrayLike, *, noise_K: float | None = None
 ) -> TemperaturePath:
-    """The path behind noisy readings; nan readings are bridged. Arrays of shape (samples,), time increasing.
+    """Return the path behind noisy readings; nan readings are bridged. Arrays of shape (samples,), time increasing.
 
     `noise_K` sets the standard deviation of the noise instead of estimating it; 0 returns the readings as they are.
     Raises ValueError for one that is negative or no number.
@@ -279,7 +280,7 @@ def temperature_path(
 
 
 def _padded(path: TemperaturePath, before: int, after: int, lone: NDArray[np.int64]) -> TemperaturePath:
-    """The path with so many more rows at its ends, in which the temperature stands."""
+    """Return the path with so many more rows at its ends, in which the temperature stands."""
     count = before + path.temperature_degC.size + after
     turning = np.unique(np.concatenate(([0], path.turning[1:-1] + before, [count - 1])))
     density = None if path.density is None else np.pad(path.density, (before, after), mode="edge")
@@ -288,7 +289,7 @@ def _padded(path: TemperaturePath, before: int, after: int, lone: NDArray[np.int
 
 
 def _monotone(smooth: Array, turning: NDArray[np.int64]) -> Array:
-    """The path between its turning points: the monotone least-squares fit."""
+    """Return the path between its turning points: the monotone least-squares fit."""
     path = np.empty_like(smooth)
     for first, last in pairwise(turning):
         rises = bool(smooth[last] >= smooth[first])
@@ -301,7 +302,7 @@ def _monotone(smooth: Array, turning: NDArray[np.int64]) -> Array:
 
 
 def _trusted(innovations: Array) -> NDArray[np.bool_]:
-    """False for lone outliers: an innovation beyond the gate whose successor turns back as sharply."""
+    """Return False for lone outliers: an innovation beyond the gate whose successor turns back as sharply."""
     far = np.abs(innovations) > GATE
     back = np.zeros(innovations.size, dtype=np.bool_)
     back[:-1] = (innovations[1:] * innovations[:-1] < 0.0) & (np.abs(innovations[1:]) > 0.4 * np.abs(innovations[:-1]))
@@ -310,7 +311,7 @@ def _trusted(innovations: Array) -> NDArray[np.bool_]:
 
 
 def _breaks(rates: Array, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The steps in which the smoothed rate changes by far more than usual, those known and their neighbours."""
+    """Return the steps in which the smoothed rate changes by far more than usual, those known and their neighbours."""
     change = np.abs(np.diff(rates))
     usual = 1.4826 * float(np.median(change)) + 1e-300
     sharp = change > BREAK * usual

@@ -25,8 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.hysteresis.functions import Array
 from sim.inference.readings.output_sense import output_falls
 from sim.inference.readings.temperature_path import temperature_path
-from sim.inference.transition.local_fit import TINY
-from sim.inference.transition.major_branch import WHOLE, Run, Sense, onward_rows, runs_of
+from sim.inference.transition.branches import WHOLE, Run, Sense, onward_rows, runs_of
 
 FEWEST_CURVES: Final = 7  # of a diagram: fewer show no more than a few sections of it
 LEAST_CURVES: Final = 3  # of a window: a bend along T_r needs three
@@ -36,6 +35,7 @@ CURVE_ROWS: Final = 150  # of a curve: of more, means of neighbours
 APART: Final = 2.1  # median distances of the curves' T_r to either side: five curves in a window
 ALONG: Final = 0.05  # of the range, at least, along T
 PLACES: Final = 60  # of the grid, along each axis
+TINY: Final = 1e-12  # of a fit's own scale, added so that a window with few rows still has a solution
 BRANCH: Final = 0.12  # of the range: a run that begins this near to an end came from a major branch's beginning
 
 
@@ -55,7 +55,7 @@ class Forc:
     reason: str = ""
 
     def peak(self) -> tuple[float, float, float] | None:
-        """(T_r, T, rho) where rho is largest; None where it is nowhere."""
+        """Return (T_r, T, rho) where rho is largest; None where it is nowhere."""
         if not np.any(np.isfinite(self.density)):
             return None
         i, j = np.unravel_index(int(np.nanargmax(self.density)), self.density.shape)
@@ -68,7 +68,7 @@ def forc(time_s: ArrayLike, temperature_degC: ArrayLike, output: ArrayLike, *, i
     v, y = path.temperature_degC, np.asarray(output, dtype=np.float64)
     log = -y if in_decades else y
     families: dict[Sense, list[tuple[float, Array, Array]]] = {"cooling": [], "heating": []}
-    for before, run in _pairs(runs_of(path), v):
+    for before, run in _pairs(runs_of(v, path.noise_K), v):
         rows = onward_rows(v, run)
         rows = rows[np.isfinite(log[rows])]
         if rows.size >= LEAST_ROWS and abs(v[run.last] - v[run.first]) >= LEAST_SPAN * np.ptp(v):
@@ -86,7 +86,7 @@ def forc(time_s: ArrayLike, temperature_degC: ArrayLike, output: ArrayLike, *, i
 
 
 def _pairs(runs: list[Run], v: Array) -> list[tuple[Run, Run]]:
-    """(run along a major branch, the run after its reversal), of all runs in the order of time.
+    """Return (run along a major branch, the run after its reversal), of all runs in the order of time.
 
     A run is on the major branch where it begins at the end of the record's range that is opposite to its sense.
     """
@@ -101,7 +101,7 @@ def _pairs(runs: list[Run], v: Array) -> list[tuple[Run, Run]]:
 
 
 def _inside(curves: list[tuple[float, Array, Array]], v: Array) -> int:
-    """How many curves have a T_r of their own, and are not the other major branch."""
+    """Return how many curves have a T_r of their own, and are not the other major branch."""
     own = [curve[0] for curve in curves if np.ptp(curve[1]) < WHOLE * np.ptp(v)]
     return int(np.unique(np.round(np.array(own) / (0.005 * np.ptp(v)))).size) if own else 0
 
@@ -112,7 +112,7 @@ def _nothing(sense: Sense, reversal: Array, reason: str) -> Forc:
 
 
 def _diagram(sense: Sense, curves: list[tuple[float, Array, Array]], v: Array, factor: float) -> Forc:
-    """The local fits over the grid; factor: of the mixed derivative."""
+    """Return the local fits over the grid; factor: of the mixed derivative."""
     reversal = np.array([curve[0] for curve in curves])
     order = np.unique(np.round(np.sort(reversal), 6))
     apart = APART * float(np.median(np.diff(order)))
@@ -138,8 +138,9 @@ def _diagram(sense: Sense, curves: list[tuple[float, Array, Array]], v: Array, f
 
 
 def _mixed(a: Array, b: Array, z: Array, curve: NDArray[np.int64]) -> tuple[float, float]:
-    """The coefficient of a b in a local fit of the second degree, and its standard error: residuals of one curve are
-    taken to be as alike as they are (a sandwich over the curves: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986) 13)."""
+    """Return the coefficient of a b in a local fit of the second degree, and its standard error: residuals of one curve
+    are taken to be as alike as they are (a sandwich over the curves: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986)
+    13)."""
     weight = ((1.0 - a * a) * (1.0 - b * b)) ** 2
     columns = np.stack([np.ones_like(a), a, b, a * a, b * b, a * b], axis=1)
     normal = columns.T @ (weight[:, None] * columns)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.transition import believed_degC, numbers_of_run
+from rig.analysis.transition import believed_degC, film_numbers
 from rig.records.record import Record
 from rig.records.record_file import write_columns
 from rig.records.thermometer_faults import find_false_readings
@@ -126,7 +126,8 @@ def test_a_run_is_judged_as_a_record_is() -> None:
     degC, lines = believed_degC(Rows())
     assert np.flatnonzero(np.isnan(degC)).tolist() == list(range(130, 170))
     assert len(lines) == 1
-    assert_right(numbers_of_run(Rows(), "run", 0.0).document())
+    output = -np.log10(Rows().column("resistance_ohm"))
+    assert_right(film_numbers(Rows.columns["time_s"], degC, output, "minus_log10_ohm", "run").document())
 
 
 def test_the_first_readings_are_a_power_on_value() -> None:

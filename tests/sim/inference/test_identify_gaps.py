@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from sim.inference.film.fit import FilmRecord, identify_film, identify_film_records
-from sim.inference.film.rows import Start, build_path, prepare
+from sim.inference.film.rows import build_path, prepare
+from sim.model.record_own import FilmStart
 from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, through
 
 NOISE = 0.002
@@ -113,12 +114,12 @@ def test_where_the_film_went_stands_in_its_path_and_in_no_reading() -> None:
     time, v, y = with_an_excursion(None)
     record = prepare(FilmRecord(time, v, y, output_time_s=time + 0.1), noise_K=0.0)
     row = record.unseen[0]
-    start = Start("cooled", None, ((float(record.time_s[row]), (20.0, 95.0)),))
+    start = FilmStart("cooled", None, ((float(record.time_s[row]), (20.0, 95.0)),))
     few = np.zeros(record.used.size, dtype=np.bool_)
     few[::17] = True
     for chosen in (None, [few]):
         path = build_path([record], [start], chosen)
-        plain = build_path([record], [Start()], chosen)
+        plain = build_path([record], [FilmStart("cooled")], chosen)
         at = int(np.flatnonzero(path.inputs == 20.0)[0])
         assert path.inputs[at - 1 : at + 3].tolist() == [record.inputs[row - 1], 20.0, 95.0, record.inputs[row]]
         np.testing.assert_array_equal(path.inputs[path.rows], plain.inputs[plain.rows])

@@ -9,18 +9,15 @@ import scipy.optimize
 from sim.inference.covariance import block_sandwich
 from sim.inference.film.memoryless_forms import FORMS, Form
 from sim.inference.film.relay_plane import fit_plane, fit_plane_judged, relays_over
-from sim.inference.film.rows import FilmRecord, Path, Start, build_path, prepare
+from sim.inference.film.rows import FilmRecord, Path, build_path, prepare
 from sim.inference.film.selection import make_problem
 from sim.inference.film.variable_projection import PlainFit, denser, equal_structure, merged
 from sim.inference.levenberg_marquardt import Damping, Linearized, damped_step, descend
-from sim.inference.nnls import solve_triangle
-from sim.inference.triangle import triangle
+from sim.inference.nnls import solve_triangle, triangle
 from sim.model.operator_outputs import (
-    envelope_values,
-    operator_outputs,
     radius_floor,
-    weighted_outputs,
 )
+from sim.model.record_own import FilmStart
 from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile, relay_film
 
 
@@ -32,7 +29,7 @@ def prepared(samples: int = 900):
 
 
 def test_derivatives_by_the_outer_parameters() -> None:
-    path = build_path([prepared()], [Start()])
+    path = build_path([prepared()], [FilmStart("cooled")])
     form = Form("tanh", True, 30.0, 90.0)
     problem = make_problem(path, equal_structure(12, 2), form)
     theta = np.array([-1.7, 60.3, -1.9, 60.9, -1.2, 59.0, -1.4, 62.0, -3.3, 52.0])
@@ -53,7 +50,9 @@ def test_derivatives_by_the_outer_parameters() -> None:
 
 def test_operator_outputs_are_those_of_the_model() -> None:
     record = prepared()
-    problem = make_problem(build_path([record], [Start("heated")]), equal_structure(9), Form("none", True, 30.0, 90.0))
+    problem = make_problem(
+        build_path([record], [FilmStart("heated")]), equal_structure(9), Form("none", True, 30.0, 90.0)
+    )
     theta = np.array([-1.7, 60.3, -1.9, 60.0])
     from sim.inference.film.fit import plain_model
 
@@ -70,7 +69,7 @@ def test_thinned_rows_leave_the_operators_unchanged() -> None:
     theta = np.array([-1.7, 60.3, -1.9, 60.9])
     outputs = []
     for chosen in (np.ones_like(few), few):
-        path = build_path([record], [Start()], [chosen])
+        path = build_path([record], [FilmStart("cooled")], [chosen])
         operators = make_problem(path, equal_structure(9), Form("none", True, 30.0, 90.0)).operators(theta)[0]
         outputs.append(dict(zip(path.sample.tolist(), operators, strict=True)))
     for sample, row in outputs[1].items():
@@ -91,25 +90,6 @@ def test_the_smallest_radius_is_what_the_order_condition_needs() -> None:
             step[k] = 1e-4
             numeric = (radius_floor(shape + step)[0] - radius_floor(shape - step)[0]) / 2e-4
             assert gradient[k] == pytest.approx(numeric, abs=2e-4)
-
-
-@pytest.mark.parametrize("first", [-2, 2])
-@pytest.mark.parametrize("seed", range(4))
-def test_outputs_times_weights_are_the_sum_of_all_operators(first: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    v = 60.0 + np.clip(np.cumsum(rng.normal(size=1500)), -25.0, 25.0)
-    v[400:500] = v[400]  # at rest
-    side = np.sign(np.diff(v, prepend=v[0])).astype(np.int8)
-    side[0], side[900] = first, -first  # begun anew on the way, too
-    shape = np.array([rng.uniform(-3, -1), 61.0, rng.uniform(-3, -1), 58.0])
-    floor, _ = radius_floor(shape)
-    radii = floor + (1.0 - floor) * np.arange(40) / 40
-    weights, rows = rng.normal(size=40), np.flatnonzero(rng.random(1500) < 0.7)
-    gamma = envelope_values(v, side, shape[None, :])
-    each, together = np.empty((rows.size, 40)), np.empty(rows.size)
-    operator_outputs(gamma, side, radii, np.zeros(40, dtype=np.int64), 1.0, rows, each)
-    weighted_outputs(gamma[:, 0].copy(), side, radii, weights, 1.0, rows, together)
-    assert np.max(np.abs(together - each @ weights)) < 1e-12
 
 
 def test_reduced_nonnegative_least_squares() -> None:
@@ -190,7 +170,7 @@ def test_a_steep_wide_loop_has_its_operators_where_its_relays_switch() -> None:
     for seed in (5, 6):
         v = random_profile(3000, seed)
         y = relay_film(v, spread_K=0.8, half_width_K=6.0, width_spread=0.1)
-        paths.append(build_path([prepare(FilmRecord(np.arange(v.size, dtype=float), v, y))], [Start()]))
+        paths.append(build_path([prepare(FilmRecord(np.arange(v.size, dtype=float), v, y))], [FilmStart("cooled")]))
     fitted, other = paths
     fit, error = fit_plane_judged(fitted, other, relays_over(fitted, 18), plain_film(fitted))
     assert error < 0.01
@@ -201,7 +181,7 @@ def test_a_steep_wide_loop_has_its_operators_where_its_relays_switch() -> None:
 def test_the_model_of_a_preisach_density_reproduces_its_fit() -> None:
     v = decaying_profile(1200)
     record = prepare(FilmRecord(np.arange(1200.0), v, relay_film(v)))
-    path = build_path([record], [Start()])
+    path = build_path([record], [FilmStart("cooled")])
     fit = fit_plane(path, relays_over(path, 12), plain_film(path), 30.0)
     model = fit.model("minus_log10_ohm", "cooled")
     simulated, _ = model.simulate(record.inputs, model.initial_memory(float(v[0]), "cooled"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
-from sim.inference.film.fit import Start, identify_film
+from sim.inference.film.fit import FilmStart, identify_film
 from sim.inference.readings.output_sense import output_sense
 from tests.sim.inference.identification_films import through
 
@@ -88,7 +88,7 @@ def test_the_band_is_infinite_where_the_path_takes_a_branch_that_no_record_has()
     assert np.all(np.isfinite(half[: falls[0]]))
     assert np.all(np.isfinite(half[back[back > falls[-1]]]))
     assert np.all(np.isinf(half[falls]))
-    cooled = fit.predict([0.0, 1.0, 2.0], [85.0, 60.0, 50.0], start=Start("cooled"), temperature_noise_K=0.0)
+    cooled = fit.predict([0.0, 1.0, 2.0], [85.0, 60.0, 50.0], start=FilmStart("cooled"), temperature_noise_K=0.0)
     assert np.all(np.isinf([cooled.half_width, cooled.half_width_reading]))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.inference.transition.rounding import last_digit, rounding_errors
+from sim.inference.transition.transition import last_digit, rounding_errors
 
 
 @pytest.mark.parametrize("step", [0.25, 0.1, 0.01, 0.489])
@@ -24,10 +24,11 @@ def test_constant_readings_have_none() -> None:
 
 
 def test_errors_in_step_stay_and_others_average_out() -> None:
-    in_step = rounding_errors(20.0 + 0.25 * np.arange(200), 0.25, 0.0, 50, 0)
+    random = np.random.default_rng(0)
+    in_step = rounding_errors(20.0 + 0.25 * np.arange(200), 0.25, 0.0, random)
     assert np.std(np.mean(in_step, axis=1)) == pytest.approx(0.25 / np.sqrt(12.0), rel=0.05)
-    out_of_step = rounding_errors(20.0 + 0.25 * 0.382 * np.arange(200), 0.25, 0.0, 50, 0)
+    out_of_step = rounding_errors(20.0 + 0.25 * 0.382 * np.arange(200), 0.25, 0.0, random)
     assert np.std(np.mean(out_of_step, axis=1)) < 0.01
-    dithered = rounding_errors(20.0 + 0.25 * np.arange(200), 0.25, 0.4, 50, 0)
+    dithered = rounding_errors(20.0 + 0.25 * np.arange(200), 0.25, 0.4, random)
     assert np.std(np.mean(dithered, axis=1)) < 0.02
     assert np.max(np.abs(in_step)) <= 0.125 + 1e-9

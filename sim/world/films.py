@@ -1,4 +1,6 @@
-"""A Preisach film: relays with their own switching temperatures, none of which a play operator describes.
+"""Films of a simulated rig that are no sum of play operators, or whose resistance rises.
+
+A Preisach film is made of relays with their own switching temperatures, none of which a play operator describes.
 
     y = offset + decades * (share of relays that are metallic) + D(T)
     relay i turns metallic when T >= mean_i + halfwidth_i, insulating when T <= mean_i - halfwidth_i
@@ -15,15 +17,15 @@ stand on a sequence of low discrepancy, the seed shifts it: 16,000 relays are 4e
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from compensator.compiled import njit
-from compensator.hysteresis.film import Memoryless
+from compensator.hysteresis.film import FilmModel, Memoryless
 from compensator.hysteresis.functions import Array, memoryless
 
 States = NDArray[np.uint8]
@@ -102,8 +104,8 @@ class PreisachFilm:
         decades: float = 1.5,
         memoryless: Memoryless | None = None,
     ) -> PreisachFilm:
-        """Means normal, half-widths lognormal (median halfwidth_K): a density that is bell-shaped. seed: of the places
-        of the relays (an additive recurrence of two steps, its shift drawn)."""
+        """Return a film whose means are normal, half-widths lognormal (median halfwidth_K): a bell-shaped density.
+        seed: of the places of the relays (an additive recurrence of two steps, its shift drawn)."""
         first, second = np.random.default_rng(seed).random(2)
         steps = np.arange(relays) + 0.5
         mean = mean_degC + spread_K * ndtri((first + steps / PLASTIC) % 1.0)
@@ -111,12 +113,12 @@ class PreisachFilm:
         return cls(mean + half, mean - half, decades, memoryless or Memoryless(offset=-5.0))
 
     def initial_memory(self, input_degC: float, initial: str = "cooled") -> RelayMemory:
-        """Relays at a temperature that was reached from the hot end ("cooled") or the cold end ("heated")."""
+        """Return relays at a temperature that was reached from the hot end ("cooled") or the cold end ("heated")."""
         metallic = input_degC > self.down_degC if initial == "cooled" else input_degC >= self.up_degC
         return RelayMemory(metallic.astype(np.uint8), float(input_degC))
 
     def simulate(self, inputs_degC: ArrayLike, memory: RelayMemory) -> tuple[Array, RelayMemory]:
-        """Outputs -log10(R / 1 ohm) for a sequence of temperatures, and the relays after the last."""
+        """Return outputs -log10(R / 1 ohm) for a sequence of temperatures, and the relays after the last."""
         inputs = np.ascontiguousarray(inputs_degC, dtype=np.float64)
         outputs, states = np.empty(inputs.size), memory.metallic.copy()
         d = self.memoryless
@@ -125,6 +127,40 @@ class PreisachFilm:
         return outputs, RelayMemory(states, float(inputs[-1]) if inputs.size else memory.input_degC)
 
     def step(self, input_degC: float, memory: RelayMemory) -> tuple[float, RelayMemory]:
-        """One sample."""
+        """Return the output of one temperature, and the relays after it."""
         outputs, memory = self.simulate(np.array([input_degC]), memory)
         return float(outputs[0]), memory
+
+
+@dataclass(frozen=True, eq=False)
+class RisingFilm:
+    """A film whose resistance rises as it is heated: -log10(R / 1 ohm) of a model of log10(R / 1 ohm), as
+    `sim.model.film_side.Film` asks for it."""
+
+    model: FilmModel
+
+    @property
+    def memoryless(self) -> Memoryless:
+        """Its D(T) in -log10(R / 1 ohm)."""
+        d = self.model.memoryless
+        coefficients = tuple(-c for c in d.coefficients)
+        return replace(d, amplitude=-d.amplitude, offset=-d.offset, coefficients=coefficients)
+
+    def simulate(self, inputs_degC: Any, memory: Any) -> tuple[Any, Any]:
+        """Return -log10 R over temperatures, and the memory after the last."""
+        outputs, after = self.model.simulate(inputs_degC, memory)
+        return -outputs, after
+
+    def step(self, input_degC: float, memory: Any) -> tuple[float, Any]:
+        """Return the same for one temperature."""
+        output, after = self.model.step(input_degC, memory)
+        return -output, after
+
+    def initial_memory(self, input_degC: float, initial: Any = None) -> Any:
+        """Return the model's own memory."""
+        return self.model.initial_memory(input_degC, initial)
+
+
+def film_of_world(model: FilmModel) -> FilmModel | RisingFilm:
+    """Return the film whose output a simulated meter reads: -log10 of a resistance, or any other quantity as it is."""
+    return RisingFilm(model) if model.output == "log10_ohm" else model

@@ -1,19 +1,18 @@
-"""What records leave open of a plate that was fitted to them, in plain words, and which record would fix it."""
+"""The result of the fit of a plate: the model, how sure it is, and what the records leave open, in plain words."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.thermal.plate import Kind
+from compensator.thermal.plate import Kind, PlateModel
 from sim.inference.covariance import NORMAL_95
-
-if TYPE_CHECKING:
-    from sim.inference.plate.fit import PlateFit
+from sim.inference.noise import Noise
 
 FAR_OFF: Final = 10.0  # times the noise: beyond it the discrepancy is larger than what any interval tells
 LEAST_NOISE_K: Final = 1e-3  # a noise below is that of a record without any, or of a coarse last digit
@@ -24,9 +23,47 @@ SAME: Final = 0.02  # of the largest: currents that differ by less are one level
 LONG: Final = 1.5  # thermal time constants that a stretch has to last to tell loss and ambient apart
 
 
-def far_off(fit: PlateFit) -> bool:
-    """Return True if the simulation is off by more than ten times the thermometer's noise."""
-    return fit.rmse_K > FAR_OFF * max(fit.noise.white, LEAST_NOISE_K)
+@dataclass(frozen=True, eq=False)
+class PlateFit:
+    """The identified plate.
+
+    model; names, values, standard_errors: of the parameters, shape (parameters,), an error inf where the records fix
+    nothing; correlation: (parameters, parameters); lag_s: of the thermometer behind the plate, 0 where it was not asked
+    for or does not make the records likelier. first_degC: temperature at the start of each stretch, with `stretches`
+    its (record, first row, last row + 1). noise: of the thermometer, and of what the model lacks. rmse_K, max_abs_K: of
+    the simulation over all readings that count; outliers: number of readings that do not count in full;
+    identifiability: what the records cannot fix; longest_s: of the stretches. course_degC: the plate's likeliest
+    temperature in each row of each record, from the simulation and the readings; nan in rows of no stretch.
+    without_lag: the fit in which the thermometer does not lag, where this one does.
+    """
+
+    model: PlateModel
+    names: tuple[str, ...]
+    values: Array
+    standard_errors: Array
+    correlation: Array
+    first_degC: tuple[float, ...]
+    stretches: tuple[tuple[int, int, int], ...]
+    noise: Noise
+    log_likelihood: float
+    rmse_K: float
+    max_abs_K: float
+    outliers: int
+    identifiability: tuple[str, ...]
+    longest_s: float
+    lag_s: float = 0.0
+    course_degC: tuple[Array, ...] = ()
+    without_lag: PlateFit | None = None
+
+    @property
+    def noise_K(self) -> float:
+        """White noise of the thermometer."""
+        return self.noise.white
+
+    @property
+    def far_off(self) -> bool:
+        """Whether the model is off by far more than the thermometer's noise; one of `identifiability` says so."""
+        return self.rmse_K > FAR_OFF * max(self.noise.white, LEAST_NOISE_K)
 
 
 def plate_notes(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], PlateFit]) -> list[str]:
@@ -35,7 +72,7 @@ def plate_notes(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], 
     current_A: of all rows, (rows,). refit: the fit with another current, as another kind of plate.
     """
     notes = _wrong_current(fit, current_A, refit)
-    if far_off(fit):
+    if fit.far_off:
         times = fit.rmse_K / max(fit.noise.white, LEAST_NOISE_K)
         note = (
             f"The model is off by {fit.rmse_K:.2g} K (RMS), {times:.0f} times the thermometer's noise: something is "
@@ -51,7 +88,7 @@ def plate_notes(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], 
 
 
 def _wrong_current(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], PlateFit]) -> list[str]:
-    """A line where a heater, or a plate that is never cooled, explains what a Peltier plate does not."""
+    """Return a line where a heater, or a plate that is never cooled, explains what a Peltier plate does not."""
     if fit.model.kind != "peltier" or fit.rmse_K <= MORE_THAN_NOISE * max(fit.noise.white, LEAST_NOISE_K):
         return []
     if not np.any(current_A < 0.0):
@@ -93,7 +130,7 @@ def constant_drive(current_A: Array, kind: Kind) -> str:
 
 
 def _left_open(fit: PlateFit, current_A: Array) -> list[str]:
-    """What the parameters' intervals and the current's course say."""
+    """Return what the parameters' intervals and the current's course say."""
     notes, kind = [], fit.model.kind
     largest = float(np.max(np.abs(current_A)))
     g = fit.model.conductance_over_capacity_per_s

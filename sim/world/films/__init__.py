@@ -1,1 +1,0 @@
-"""Films that no play operator holds, to put the compensator to the test."""
