@@ -9,11 +9,11 @@ from __future__ import annotations
 from functools import cache, cached_property
 
 import numpy as np
-from rig.analysis.prediction import predicted
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
+from rig.analysis.prediction import predicted
 from rig.config.effect_tables import typical_value
 from rig.config.model_file import Model
 from rig.records.record import Record as RecordFile
