@@ -40,12 +40,12 @@ import numpy as np  # noqa: E402 - numpy reads these where it is imported
 from rig.analysis.diagnosed import Asked, diagnosed  # noqa: E402
 from rig.records.record import Record  # noqa: E402
 from rig.records.record_file import ColumnMapping, read_record  # noqa: E402
-from sim.findings.held_out import errors_in  # noqa: E402
 from sim.inference.gain import rms  # noqa: E402
+from sim.inference.joint.held_out import errors_in  # noqa: E402
 
 if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
-    from sim.inference.joint import Fit
+    from sim.inference.joint.likelihood import Fit
 
 SMALL_GAP = "vo2_film_small_gap_raw.tsv"
 DRAWS = 12  # of `moved`: the first is the record as it is

@@ -18,7 +18,7 @@ from rig.report.page import figure
 
 if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
-    from sim.inference.joint import Fit
+    from sim.inference.joint.likelihood import Fit
     from sim.inference.record.record import Record
 
 BASE, EXTENDED, NOISE = EDGE, COLOURS["model"], GREEN

@@ -12,12 +12,12 @@ from threadpoolctl import threadpool_limits
 from compensator.thermal.plate import Kind
 from sim.diagnosis.judge import judged
 from sim.diagnosis.result import Caution, Diagnosis
+from sim.diagnosis.search import Search
 from sim.diagnosis.selection import Selected, selected
 from sim.diagnosis.sparse_loop import sparse_loop
 from sim.diagnosis.warnings import out_of_time
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect, Reading, pinned
-from sim.findings.search import Search
 from sim.inference.evidence import FALSE_ALARM, FALSE_ALARMS
 from sim.inference.record.joined import read_records
 from sim.inference.record.quantity import FALLING_OHM

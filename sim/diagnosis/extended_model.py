@@ -20,12 +20,12 @@ from threadpoolctl import threadpool_limits
 from compensator.hysteresis.film import Envelope, FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
-from sim.findings.films import PIFilm, PreisachFilm
-from sim.findings.held_out import fitted_to, simulated
 from sim.inference.film.fit import identify_film_records
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.rows import FilmRecord
-from sim.inference.joint import Fit
+from sim.inference.joint.films import PIFilm, PreisachFilm
+from sim.inference.joint.held_out import fitted_to, simulated
+from sim.inference.joint.likelihood import Fit
 from sim.inference.record.record import Record
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import Links

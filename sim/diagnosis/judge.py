@@ -10,19 +10,19 @@ import numpy as np
 from scipy.special import chdtrc
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.intervals import intervals, is_vague
 from sim.diagnosis.next_experiment import next_experiments
 from sim.diagnosis.plate_numbers import plate_numbers
 from sim.diagnosis.result import Candidate, Caution, Channel, Diagnosis, Finding, Sizes, verdict_of
+from sim.diagnosis.search import Search, explains_most, left_over
 from sim.diagnosis.selection import Selected
 from sim.diagnosis.upper_limits import upper_limits
 from sim.diagnosis.warnings import warnings_of
 from sim.effects.effect import Effect, Reading
-from sim.findings.films import PIFilm
-from sim.findings.held_out import errors_in
-from sim.findings.intervals import intervals, is_vague
-from sim.findings.search import Search, explains_most, left_over
 from sim.inference.gain import Gain, gain, rms
-from sim.inference.joint import Fit
+from sim.inference.joint.films import PIFilm
+from sim.inference.joint.held_out import errors_in
+from sim.inference.joint.likelihood import Fit
 from sim.inference.record.record import Mask, Record
 
 CLOSE: Final = math.log(20.0)  # log-likelihood: a set that is this close is as likely, but for odds of 20

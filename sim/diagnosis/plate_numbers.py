@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 
 from compensator.hysteresis.functions import KELVIN
+from sim.diagnosis.intervals import covariance
 from sim.diagnosis.result import Interval, PlateNumbers, rough
-from sim.findings.intervals import covariance
 from sim.inference.covariance import NORMAL_95
-from sim.inference.joint import Fit
+from sim.inference.joint.likelihood import Fit
 from sim.inference.plate.result import constant_drive
 
 NAMES: Final = {  # of the fit's unknowns, as a model file has them

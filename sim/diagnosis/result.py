@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.findings.held_out import simulated
-from sim.findings.search import Search
+from sim.diagnosis.search import Search
 from sim.inference.gain import Gain
-from sim.inference.joint import Fit
+from sim.inference.joint.held_out import simulated
+from sim.inference.joint.likelihood import Fit
 from sim.inference.record.record import Mask, Record
 
 Interval = tuple[float, float]

@@ -10,14 +10,14 @@ from typing import Final
 import numpy as np
 
 from compensator.thermal.plate import Kind
+from sim.diagnosis.intervals import covariance
 from sim.diagnosis.result import Sizes
+from sim.diagnosis.search import Search
 from sim.effects.effect import Effect
-from sim.findings.films import PIFilm, PreisachFilm
-from sim.findings.intervals import covariance
-from sim.findings.search import Search
-from sim.findings.starts import base_fit
 from sim.inference.evidence import price
-from sim.inference.joint import Fit
+from sim.inference.joint.films import PIFilm, PreisachFilm
+from sim.inference.joint.likelihood import Fit
+from sim.inference.joint.starts import base_fit
 from sim.inference.record.record import Record
 from sim.model.film_columns import SmoothCurve
 

@@ -24,11 +24,11 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.candidates import Directions, Start, possible
 from sim.diagnosis.result import UpperLimit
+from sim.diagnosis.search import Search
 from sim.effects.effect import Effect, pinned
-from sim.findings.candidates import Directions, Start, possible
-from sim.findings.search import Search
-from sim.inference.joint import BESIDE, Fit
+from sim.inference.joint.likelihood import BESIDE, Fit
 
 ONE_SIDED_95: Final = 1.645  # standard deviations on one side hold 95 % of a normal distribution
 SMALLER: Final = 1000.0  # times smaller than the smallest size met: a hundred thousand rows show no less

@@ -8,7 +8,7 @@ from typing import Final
 from sim.diagnosis.result import Caution, UpperLimit, rough
 from sim.diagnosis.row_warnings import row_warnings
 from sim.effects.effect import Effect, at_the_terminals
-from sim.inference.joint import Fit
+from sim.inference.joint.likelihood import Fit
 from sim.inference.record.record import Record
 
 ALIKE: Final = 0.1  # relative difference of two lags: instruments and films that are independent differ by more

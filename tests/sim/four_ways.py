@@ -19,9 +19,9 @@ from rig.config.model_file import Model
 from rig.records.record import Record as RecordFile
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect, Switched, switched
-from sim.findings.films import PIFilm
-from sim.findings.starts import first_metric
-from sim.inference.joint import Joint
+from sim.inference.joint.films import PIFilm
+from sim.inference.joint.likelihood import Joint
+from sim.inference.joint.starts import first_metric
 from sim.inference.record.record import Record, read_columns
 from sim.model.chain import ChainModel
 from sim.model.film_columns import SmoothCurve

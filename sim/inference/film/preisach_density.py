@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.film import Envelope
 from compensator.hysteresis.functions import Array
-from sim.inference.domains import Relays
+from sim.inference.joint.domains import Relays
 from sim.model.operator_outputs import Integers
 
 SPREAD_OVER: Final = 24, 5  # sharp relays for a smooth one: along its step, and to the next half-widths

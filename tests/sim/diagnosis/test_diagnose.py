@@ -10,8 +10,8 @@ import pytest
 
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.result import Diagnosis
-from sim.findings.films import PreisachFilm
-from sim.inference.joint import noise_before_rounding, of_rounded
+from sim.inference.joint.channel_noise import noise_before_rounding, of_rounded
+from sim.inference.joint.films import PreisachFilm
 from tests.sim.diagnosis.cases import Case, case
 
 ROWS = 3000

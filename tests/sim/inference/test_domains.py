@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.functions import Array
-from sim.inference.domains import Relays, domain_columns
+from sim.inference.joint.domains import Relays, domain_columns
 from sim.inference.noise import Noise, Readings, Repeated, Whitening, estimate_repeated
 from sim.model.film_nodes import FilmNodes
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.candidates import Directions
 from sim.effects.effect import Command, Effect, jumps
-from sim.findings.candidates import Directions
 from sim.inference.covariance import NORMAL_95, Covariance, block_sandwich
-from sim.inference.joint import Fit
+from sim.inference.joint.likelihood import Fit
 
 Interval = tuple[float, float]
 LESS_LIKELY: Final = 0.5 * NORMAL_95**2  # log-likelihood at an interval's ends

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.findings.films import PIFilm
-from sim.findings.starts import first_metric, remembering
-from sim.inference.joint import Fit, Joint, Metric, Point, TwoChannels
+from sim.inference.joint.channel_noise import Metric
+from sim.inference.joint.films import PIFilm
+from sim.inference.joint.likelihood import Fit, Joint, Point, TwoChannels
+from sim.inference.joint.starts import first_metric, remembering
 from sim.inference.nuisance import ROOM_SPREAD_K
 from sim.model.recorded import Mask
 

@@ -13,10 +13,11 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import Kind
 from sim.effects.effect import Effect
-from sim.findings.films import PIFilm, PreisachFilm, curve_over
 from sim.inference.film.relay_plane import relays_over
 from sim.inference.film.rows import Path
-from sim.inference.joint import ChannelNoise, Fit, Joint, Metric, Point, TwoChannels
+from sim.inference.joint.channel_noise import ChannelNoise, Metric
+from sim.inference.joint.films import PIFilm, PreisachFilm, curve_over
+from sim.inference.joint.likelihood import Fit, Joint, Point, TwoChannels
 from sim.inference.memory import beginnings, gaps_of, through_gaps
 from sim.inference.noise import Noise, discrepancy
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from sim.inference.domains import Relays
 from sim.inference.film.preisach_density import PreisachDensity
-from sim.inference.joint import Unknown
+from sim.inference.joint.domains import Relays
+from sim.inference.joint.likelihood import Unknown
 from sim.model.film_columns import SmoothCurve, operator_columns, play_columns
 from sim.model.film_nodes import FilmNodes
 from sim.model.record_own import FilmStart

@@ -10,11 +10,14 @@ from typing import Final
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.candidates import Start, is_sizeable, possible, scores, starts
+from sim.diagnosis.intervals import LESS_LIKELY, Jumps
 from sim.effects.effect import Effect, jumps
-from sim.findings.candidates import Start, is_sizeable, possible, scores, starts
-from sim.findings.films import PIFilm
-from sim.findings.intervals import LESS_LIKELY, Jumps
-from sim.findings.starts import (
+from sim.inference.evidence import FALSE_ALARM, price
+from sim.inference.joint.channel_noise import ChannelNoise, Metric
+from sim.inference.joint.films import PIFilm
+from sim.inference.joint.likelihood import Fit
+from sim.inference.joint.starts import (
     evidence_of_film,
     in_domains,
     remembered,
@@ -22,8 +25,6 @@ from sim.findings.starts import (
     with_pi_film,
     with_preisach_film,
 )
-from sim.inference.evidence import FALSE_ALARM, price
-from sim.inference.joint import ChannelNoise, Fit, Metric
 from sim.inference.noise import estimate
 from sim.inference.nuisance import WORTH
 

@@ -1,1 +1,0 @@
-"""The diagnosis: which effects a record is likely to have."""
