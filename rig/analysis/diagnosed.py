@@ -26,7 +26,8 @@ from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model
 from sim.diagnosis.result import Caution, Channel, Diagnosis, HeldOutRecord
 from sim.inference.evidence import FALSE_ALARM
-from sim.inference.gain import gain, rms
+from sim.inference.gain import Gain, gain, rms
+from sim.inference.joint.likelihood import Fit
 from sim.inference.record.record import read_columns
 from sim.model.inputs import NAMES as INPUTS
 
@@ -103,49 +104,66 @@ def diagnosed(
     diagnosis = _of_full_drive(diagnosis, next((one.drive for one in records if one.drive is not None), None))
     if holdout:
         say("held-out records")
-        diagnosis = on_other_records(diagnosis, extended, holdout, asked.first_s)
-        if diagnosis.worse_elsewhere:
-            extended = extended_model(diagnosis.base, diagnosis.record, rows)
+        diagnosis, extended = on_other_records(diagnosis, extended, holdout, asked.first_s)
     return diagnosis, extended
 
 
 def on_other_records(
     diagnosis: Diagnosis, extended: ExtendedModel, holdout: Sequence[Record], first_s: float | None
-) -> Diagnosis:
-    """Return the diagnosis with errors and gains on other records in place of the held-out rows' own. An extended model
-    that predicts them worse than the base model takes back that it explains anything."""
-    base = _errors(diagnosis, model_of(extended_model(diagnosis.base, diagnosis.record)), holdout, first_s)
-    after = _errors(diagnosis, model_of(extended), holdout, first_s)
-    gains = {key: gain(base.all[key], after.all[key], _every(after.all[key])) for key in after.all}
-    channels = dict(diagnosis.channels)
-    for key, found in gains.items():
-        if (channel := channels.get(key)) is not None:
-            count = int(np.sum(np.isfinite(after.all[key])))
-            channels[key] = Channel(channel.noise, found.rmse_before, found.rmse_after, count)
+) -> tuple[Diagnosis, ExtendedModel]:
+    """Return the diagnosis with errors and gains on other records in place of the held-out rows' own, and the model
+    that predicts them best: the extended one, the base model, or the likeliest set with what was not named. A base
+    model that predicts better takes back that the effects explain anything."""
+
+    def model(fit: Fit) -> ExtendedModel:
+        return extended_model(fit, diagnosis.record)
+
+    def errors(of: ExtendedModel) -> _Errors:
+        return _errors(diagnosis, model_of(of), holdout, first_s)
+
+    base = errors(model(diagnosis.base))
+    after, written = errors(extended), "extended"
     findings = []
     for finding in diagnosis.findings:
         if (without := diagnosis.without.get(finding.name)) is not None:
-            rest = _errors(diagnosis, model_of(extended_model(without, diagnosis.record)), holdout, first_s).all
-            own = {key: gain(rest[key], after.all[key], _every(after.all[key])) for key in after.all}
-            finding = replace(finding, gain=own)
+            finding = replace(finding, gain=_gains(errors(model(without)), after))
         findings.append(finding)
+    verdict = diagnosis.verdict
+    if diagnosis.findings and _is_better(after, base):
+        verdict, written, extended, after = "partly_unexplained", "base", model(diagnosis.base), base
+    if diagnosis.likeliest.effects != diagnosis.fit.effects:
+        likeliest = model(diagnosis.likeliest)
+        if _is_better(after, other := errors(likeliest)):
+            written, extended, after = "likeliest", likeliest, other
+    channels = dict(diagnosis.channels)
+    for key, found in _gains(base, after).items():
+        if (channel := channels.get(key)) is not None:
+            channels[key] = Channel(channel.noise, found.rmse_before, found.rmse_after, after.all[key].size)
     elsewhere = tuple(
-        HeldOutRecord(
-            record.source,
-            {key: (rms(b[key]), rms(a[key]), a[key].size) for key in a},
-            room,
-        )
+        HeldOutRecord(record.source, {key: (rms(b[key]), rms(a[key]), a[key].size) for key in a}, room)
         for record, b, a, room in zip(holdout, base.each, after.each, after.rooms_degC, strict=True)
     )
-    worse = bool(diagnosis.findings) and any(found.reduction_ci95[1] < 0.0 for found in gains.values())
-    return replace(
+    diagnosis = replace(
         diagnosis,
-        verdict="partly_unexplained" if worse else diagnosis.verdict,
+        verdict=verdict,
         channels=channels,
         findings=tuple(findings),
         elsewhere=elsewhere,
-        worse_elsewhere=worse,
+        written=written,  # type: ignore[arg-type]
     )
+    return diagnosis, extended
+
+
+def _gains(before: _Errors, after: _Errors) -> dict[str, Gain]:
+    """Return what one model gains over another, by channel."""
+    every = {key: np.ones(values.size, dtype=np.bool_) for key, values in after.all.items()}
+    return {key: gain(before.all[key], values, every[key]) for key, values in after.all.items()}
+
+
+def _is_better(errors: _Errors, others: _Errors) -> bool:
+    """Return True if another model predicts better: surely so in one channel, and surely worse in none."""
+    reductions = [found.reduction_ci95 for found in _gains(errors, others).values()]
+    return any(low > 0.0 for low, _ in reductions) and not any(high < 0.0 for _, high in reductions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,10 +194,6 @@ def _errors(diagnosis: Diagnosis, model: Model, records: Sequence[Record], first
         each.append({key: values for key, values in scored.items() if values.size})
         rooms.append(fitted_values(found, model).get("ambient_degC"))
     return _Errors(each, rooms)
-
-
-def _every(values: Array) -> Any:
-    return np.ones(values.size, dtype=np.bool_)
 
 
 def _with_left_out(diagnosis: Diagnosis, records: Sequence[Record]) -> Diagnosis:

@@ -64,10 +64,14 @@ def lines(diagnosis: Diagnosis) -> list[str]:
 def sentence(diagnosis: Diagnosis) -> str:
     """Return the verdict: what matters most first."""
     first = [f"{_capital(warning_line(diagnosis, w))}. " for w in diagnosis.warnings if w.code == SATURATED][:1]
-    if diagnosis.worse_elsewhere:
+    if diagnosis.written == "base":
         first.append(
             "The extended model predicts the held-out record worse than the base model, which is the model written. "
         )
+    elif diagnosis.written == "likeliest":
+        more = set(diagnosis.likeliest.values()) - {f.name for f in diagnosis.findings}
+        names_of = listed(sorted(more)) if more else "fewer effects"
+        first.append(f"The model written is that with {names_of}, not named: it predicts the held-out record best. ")
     names = [named(f, diagnosis) for f in by_gain(diagnosis)]
     left = "; ".join(left_over(diagnosis))
     if diagnosis.verdict == "too_short":
@@ -370,7 +374,7 @@ def warning_line(diagnosis: Diagnosis, caution: Caution) -> str:
 def model_comment(diagnosis: Diagnosis) -> str:
     """Return what stands on top of the extended model's file: doubtful numbers, sizes that are not fixed."""
     found = [f"extended model of the diagnosis of {together(diagnosis)}", *unit_lines(diagnosis)]
-    if diagnosis.worse_elsewhere:
+    if diagnosis.written == "base":
         found = [f"base model of the diagnosis of {together(diagnosis)}: it predicts the held-out record better"]
     if diagnosis.plate is not None:
         found += [f"plate: {doubt}" for doubt in diagnosis.plate.doubts]

@@ -118,6 +118,7 @@ def judged(
         record,
         base,
         fit,
+        chosen.fit,
         less,
         search,
     )

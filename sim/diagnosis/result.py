@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -124,8 +124,9 @@ class Diagnosis:
     evident first. channels and unexplained: by the keys of the JSON, "temperature_K" and the film's
     (`Quantity.channel`). film: its form. candidates: found and not named. limits: of effects that are not named.
     assumed: parameters of the effects that the user stated. record: as the fits took it. base, fit: the fits without
-    and with what was found; without: the fit without each named effect. elsewhere: other records; worse_elsewhere: the
-    extended model predicts them worse than the base model. sources: files of the records. drive: unit of a current
+    and with what was found; likeliest: the fit with what explains less than it leaves over, too; without: the fit
+    without each named effect. elsewhere: other records; written: the fit that predicts them best, whose model is
+    written. sources: files of the records. drive: unit of a current
     that is a share of full drive. not_believed: readings that were left out when the files were read.
     """
 
@@ -143,10 +144,11 @@ class Diagnosis:
     record: Record
     base: Fit
     fit: Fit
+    likeliest: Fit
     without: Mapping[str, Fit]
     search: Search
     elsewhere: tuple[HeldOutRecord, ...] = ()
-    worse_elsewhere: bool = False
+    written: Literal["base", "extended", "likeliest"] = "extended"
     sources: tuple[str, ...] = ()
     model: str | None = None
     drive: str | None = None

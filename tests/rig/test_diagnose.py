@@ -215,7 +215,7 @@ def test_a_share_of_the_full_drive_is_no_ampere_and_the_model_bears_its_doubts(
 def test_a_model_file_says_which_sizes_are_not_fixed() -> None:
     values = {"sink_capacity_ratio": (48.0, None), "sink_conductance_ratio_per_s": (0.14, (0.1, 0.2))}
     finding = SimpleNamespace(name="heat_sink_warmup", parameters=values)
-    found = SimpleNamespace(plate=None, warnings=[], findings=[finding], sources=("a/b.csv",), worse_elsewhere=False)
+    found = SimpleNamespace(plate=None, warnings=[], findings=[finding], sources=("a/b.csv",), written="extended")
     assert model_comment(cast(Any, found)).splitlines() == [
         "extended model of the diagnosis of b.csv",
         "heat_sink_warmup: sink_capacity_ratio: not fixed by this record",

@@ -55,7 +55,7 @@ def test_the_first_sentence_says_what_matters_most() -> None:
     )
     sink = Caution("heat_sink_saturated", "the heat sink is saturated; more current cools less", 350.0, 500.0)
     found: Any = SimpleNamespace(
-        verdict="explained", findings=(rounding, lag), warnings=(sink,), worse_elsewhere=False, unexplained={},
+        verdict="explained", findings=(rounding, lag), warnings=(sink,), written="extended", unexplained={},
         channels={}, elsewhere=(), sources=("a.csv",), record=SimpleNamespace(quantity=RESISTANCE),
         search=SimpleNamespace(known={}),
     )  # fmt: skip
@@ -70,7 +70,7 @@ def test_a_model_that_predicts_worse_elsewhere_is_said_so_first() -> None:
     """Else a name that one record suggests passes for the rig's."""
     lag = Finding("film_lag", {"tau_s": (2.0, (1.9, 2.1))}, 50.0, 0.003)
     found: Any = SimpleNamespace(
-        verdict="partly_unexplained", findings=(lag,), warnings=(), worse_elsewhere=True, unexplained={}, channels={},
+        verdict="partly_unexplained", findings=(lag,), warnings=(), written="base", unexplained={}, channels={},
         elsewhere=(), sources=("a.csv",), record=SimpleNamespace(quantity=RESISTANCE), search=SimpleNamespace(known={}),
     )  # fmt: skip
     assert sentence(found).startswith("The extended model predicts the held-out record worse than the base model")

@@ -18,6 +18,7 @@ from sim.effects.effect import Effect, Parameter, Reading, switched
 from tests.sim.four_ways import CURRENT, TIME, by_the_fit, coarse_differences, differences, every_effect, on
 
 CLOSE_K, CLOSE_DEC = 1e-6, 1e-6
+HEATED_DEC = 1e-5  # a fit knows the film's own resistance in the rows, and takes it as straight between them
 NOISE_K, NOISE_DEC = 0.01, 0.002  # of usual instruments
 CALLS = {"send": "Command", "run": "Filter", "read": "Reading", "add": "Warming", "taken": "ReadingTime"}
 
@@ -49,7 +50,8 @@ def with_own() -> Iterator[None]:
 def check(effects: tuple[Effect, ...]) -> None:
     for way, (off_K, off_dec) in differences(tuple(on(e) for e in effects)).items():
         assert off_K < CLOSE_K, (way, [e.name for e in effects])
-        assert off_dec < CLOSE_DEC, (way, [e.name for e in effects])
+        heated = way == "fit" and any(e.name == "self_heating" for e in effects)
+        assert off_dec < (HEATED_DEC if heated else CLOSE_DEC), (way, [e.name for e in effects])
 
 
 @pytest.mark.parametrize("name", [e.name for e in every_effect()])
