@@ -27,6 +27,11 @@ SEARCHING: Final = 0.7  # of a budget: gains, candidates and limits take about a
 STILL: Final = "this drive does not move this temperature; no effect on driver or plate can be named"
 
 
+def stopped() -> float:
+    """Return the time of a clock that stands still: of whoever has time."""
+    return 0.0
+
+
 def diagnose(
     columns: Mapping[str, ArrayLike],
     *further: Mapping[str, ArrayLike],
@@ -37,7 +42,7 @@ def diagnose(
     assume: Mapping[str, Mapping[str, float]] | None = None,
     false_alarm: float = FALSE_ALARM,
     budget_s: float | None = None,
-    clock: Callable[[], float] = lambda: 0.0,
+    clock: Callable[[], float] = stopped,
     say: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
     """Diagnose one record (columns as in a record file, names with units), or several of one rig as one.
@@ -48,6 +53,8 @@ def diagnose(
     parameters that are known. false_alarm: the share of records without any effect that may be given a name. budget_s:
     seconds on the clock, after which the best so far is reported. Raises ValueError, a line a fault.
     """
+    if budget_s is not None and clock is stopped:
+        raise ValueError("budget_s: needs a clock; expected clock=time.monotonic with it")
     if not FALSE_ALARMS[0] <= false_alarm <= FALSE_ALARMS[1]:
         raise ValueError(f"false_alarm: {false_alarm:g}: expected {FALSE_ALARMS[0]:g} to {FALSE_ALARMS[1]:g}")
     ends_s = np.inf if budget_s is None else clock() + budget_s
@@ -62,14 +69,15 @@ def diagnose(
     possible = [effect for effect in known.values() if sparse is None or effect.before_film]
     warnings: list[Caution] = []
     with threadpool_limits(limits=1):
-        found = []
+        found, decided = [], True
         for kind in kinds if record.current_A is not None else kinds[:1]:
             say(f"fitting a {kind} plate" if record.current_A is not None else "fitting the film")
+            decided = not found or clock() <= search_ends_s
             search = Search(list(possible), say, names, false_alarm, lambda: clock() > search_ends_s)
             found.append(selected(record, known, kind, assumed, search))
         chosen = max(found, key=Selected.value)
         if clock() > search_ends_s and budget_s is not None:
-            warnings.append(out_of_time(budget_s))
+            warnings.append(out_of_time(budget_s, () if decided else tuple(kinds)))
         if not chosen.drive_moves:
             warnings.append(Caution("drive_without_effect", f"current_A: {STILL}"))
         if base == "generalized_pi":

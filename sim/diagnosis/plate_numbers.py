@@ -62,7 +62,9 @@ def plate_numbers(fit: Fit) -> PlateNumbers | None:
         doubts.append(constant)
     found: dict[str, tuple[float, Interval | None]] = {}
     for k, unknown in enumerate(joint.unknowns):
-        name = NAMES.get(unknown.name, unknown.name.removeprefix("input.") if "input." in unknown.name else "")
+        name = NAMES.get(
+            unknown.name, f"inputs.{unknown.name.removeprefix('input.')}" if "input." in unknown.name else ""
+        )
         if not name:
             continue
         value = float(x[k])

@@ -44,11 +44,6 @@ PARTS: Final = ((50, 4), (50, 8))  # of the plane of a film in domains: as many 
 LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit's own discretization
 
 
-def parameters_of(effects: Sequence[Effect]) -> int:
-    """How many parameters the effects have, choices included."""
-    return sum(len(e.parameters) for e in effects)
-
-
 @dataclass
 class Search:
     """Sets of effects of one record and their fits. say: takes a line of progress; assumed: effects that are there,
@@ -227,6 +222,8 @@ class Search:
                 better = self.keep(remembered(found))
                 better = self.likelier_module(better) if found.effects[-1].before_film else better
                 better = self.pruned(better)
+                if better.effects == fit.effects and better.log_likelihood <= fit.log_likelihood + WORTH:
+                    better = None  # what was added went again
             if better is None and isinstance(fit.joint.film, PIFilm) and "output" in left_over(fit):
                 if not anew:
                     again, anew = restarted(fit), True
