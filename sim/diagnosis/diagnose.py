@@ -69,7 +69,8 @@ def diagnose(
     possible = [effect for effect in known.values() if sparse is None or effect.before_film]
     warnings: list[Caution] = []
     with threadpool_limits(limits=1):
-        found, decided = [], True
+        found: list[Selected] = []
+        decided = True
         for kind in kinds if record.current_A is not None else kinds[:1]:
             say(f"fitting a {kind} plate" if record.current_A is not None else "fitting the film")
             decided = not found or clock() <= search_ends_s

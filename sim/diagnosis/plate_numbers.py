@@ -35,6 +35,10 @@ FIXED_BY: Final = {
     "q": "steps of the drive fix it",
     "ambient_degC": "a rest without a current fixes it, until the temperature stands still",
 }
+LATE: Final = (  # of an input that changes, or it were none
+    "it changes, and the plate does not answer as fast as if it heated the plate itself: its heat may come by way of a "
+    "third body"
+)
 LOGARITHMIC: Final = ("s", "r", "g", "q")  # positive, with intervals as factors
 ROOM_DEGC: Final = (5.0, 45.0)  # where people and instruments work: most makers' limits of operation
 WIDE: Final = 3.0  # ratio of an interval's ends from which a parameter counts as not fixed
@@ -104,7 +108,7 @@ def _doubt(name: str, value: float, ci: Interval | None) -> str | None:
         return None
     if ci is None:
         return f"{name}: not known"
-    if ci[0] <= 0.0:  # of an input, which may be without effect
-        return None
+    if ci[0] <= 0.0:
+        return f"{name}: as good as 0; {LATE}"
     factor = math.sqrt(ci[1] / ci[0])
     return f"{name}: known to within a factor of {rough(factor)} only" if factor > math.sqrt(WIDE) else None

@@ -278,7 +278,13 @@ class Search:
             if effect.name in self.assumed or self.over():
                 continue
             less, name = self.dropped(fit, effect.name), effect.name
-            other = self.add(less, lambda effect, name=name: effect.name != name)  # type: ignore[misc]
+
+            def others(effect: Effect, name: str = name) -> bool:
+                return effect.name != name
+
+            other = self.add(less, others)
+            if other is not None and left_over(fit):  # one effect may stand in for two
+                other = max(other, self.add(other, others) or other, key=self.value)
             fit = self.exchange(fit, other)
         if fit.joint.slopes and not self.over():
             plain = self.of_other_module(fit)

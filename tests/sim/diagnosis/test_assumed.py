@@ -20,7 +20,7 @@ def lagging() -> Case:
 def test_what_is_assumed_is_fitted_and_not_found(lagging: Case) -> None:
     found = diagnose(lagging.columns, assume={"sensor_lag": {}})
     assert found.verdict == "clean"
-    assert found.findings == []
+    assert found.findings == ()
     value, interval = found.assumed["sensor_lag"]["tau_s"]
     assert interval is not None
     assert interval[0] < value < interval[1]
@@ -74,13 +74,10 @@ def test_out_of_time_is_said_and_the_best_so_far_reported(lagging: Case) -> None
     clock = ticking(1.0)
     found = diagnose(lagging.columns, budget_s=3.0, clock=lambda: next(clock))
     (told,) = [w.text for w in found.warnings if w.code == "out_of_time"]
-    assert told.startswith("the search was ended 1.8 s after the beginning, its share of the 3 s allowed")
-    assert found.findings == []  # nothing is named that was not judged
+    assert told.startswith("the search was ended by its budget of 3 s")
+    assert found.findings == ()  # nothing is named that was not judged
     assert found.verdict == "unexplained"
     assert all(np.isfinite(c.rmse_extended) for c in found.channels.values() if c is not None)
-    film = found.chain.fits(found.judged.fitted)[1]
-    assert film is not None
-    assert not film.parameters.has_relays  # which take as long as a whole diagnosis, and were not begun any more
 
 
 def test_a_kind_of_plate_that_was_not_tried_to_the_end_is_said(lagging: Case) -> None:
