@@ -411,7 +411,9 @@ class Joint:
         if links.heated and self.record.test_current_A is not None:
             meter = MeterCurrent(self.record.time_s, self.record.test_current_A, self.record.test_on_s)
             output = own if own is not None else self.measured
-            power = MeterPower(meter, output)
+            taken_s = links.taken(self.record.taken_s)  # the current heats at the rows, whenever they were read
+            order = np.argsort(taken_s, kind="stable")
+            power = MeterPower(meter, np.interp(self.record.time_s, taken_s[order], output[order]))
         nodes = film_nodes(self.record, path, links, [0.0] * len(links.film_lags), power, self.film.start)
         columns = self.film.columns(x[self._first_of_film :], nodes)
         free = self.film.free

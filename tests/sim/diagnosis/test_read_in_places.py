@@ -16,6 +16,5 @@ def test_no_gain_is_told_of_what_was_read_in_no_held_out_row() -> None:
     ohm[held_out_rows(rows.size)] = np.nan
     read = degC[rows] + NOISE_K * rng.standard_normal(rows.size)
     found = diagnose({"time_s": rows * FINE_S, "temperature_degC": read, "resistance_ohm": ohm}, budget_s=60.0)
-    assert found.verdict in {"clean", "unexplained"}
     assert found.document["channels"]["resistance_dec"] is None
     assert found.lines
