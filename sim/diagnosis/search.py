@@ -85,8 +85,9 @@ class Search:
             self.table[key] = fit
         return fit
 
-    def add(self, fit: Fit, among: Callable[[Effect], bool] = lambda effect: True) -> Fit | None:
-        """The best fit with one effect more. among: which effects are tried."""
+    def add(self, fit: Fit, among: Callable[[Effect], bool] = lambda effect: True, worth: float = 0.0) -> Fit | None:
+        """The best fit with one effect more. among: which effects are tried; worth: the log-likelihood that it has to
+        gain at least."""
         have = {e.name for e in fit.effects}
         effects = [e for e in possible(self.effects, fit.joint) if e.name not in have and among(e)]
         tried: list[Fit] = []
@@ -95,7 +96,7 @@ class Search:
             ranked = scores(fit, effects, metric, at)
             # what explains a residual without a discrepancy has to gain what the discrepancy does
             stands_for = fit.log_likelihood - fit.joint.log_likelihood(at, metric)
-            for start in self.promising(ranked, fit, max(stands_for, 0.0)):
+            for start in self.promising(ranked, fit, max(stands_for, 0.0) + worth):
                 tried.append(self.fitted(fit, start.scaled(), metric))
                 gain = tried[-1].log_likelihood - fit.log_likelihood
                 self.say(f"tried {described(start.effect, tried[-1])}: log-likelihood {gain:+.0f}")
@@ -282,8 +283,9 @@ class Search:
             def others(effect: Effect, name: str = name) -> bool:
                 return effect.name != name
 
-            other = self.add(less, others)
-            if other is not None and left_over(fit):  # one effect may stand in for two
+            left = left_over(fit)  # then one effect may stand in for two
+            other = self.add(less, others, 0.0 if left else self.gain(fit, less))
+            if other is not None and left:
                 other = max(other, self.add(other, others) or other, key=self.value)
             fit = self.exchange(fit, other)
         if fit.joint.slopes and not self.over():
