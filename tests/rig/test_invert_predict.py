@@ -259,7 +259,7 @@ def test_a_prediction_that_nothing_is_compared_with(peltier: Peltier, tmp_path: 
     ("options", "current", "said"),
     [
         (("--drive", "current"), False, "record.csv has no current_A; expected --drive temperature"),
-        (("--first", "60"), True, "--first: 60: expected --initial fitted beside it"),
+        (("--first", "60"), True, "--first: 60: expected --initial fitted with it"),
     ],
 )
 def test_an_option_that_cannot_act_is_refused(

@@ -226,7 +226,7 @@ def test_a_run_records_the_quantity(tmp_path: Path, peltier: Callable[..., tuple
     record = read_record(tmp_path / "out" / "record.csv")
     assert record.has("curvature_per_m")
     assert not record.has("resistance_ohm")
-    assert "Temperature, current and curvature." in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Curvature, temperature, current" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
