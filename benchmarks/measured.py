@@ -56,7 +56,7 @@ BOARD = ("time_s=#1", "temperature_degC=#4@degC", "current_A=#2@percent")
 TEC = ("temperature_degC=T_degC", "current_A=out@pwm255")
 TCLAB = ("temperature_degC=T1_degC", "current_A=H1_percent@percent", "input_2=H2_percent")
 TUNE = ("temperature_degC=oven_c", "current_A=output@pwm255", "ambient_degC=ambient_c")
-LAMP = ("temperature_degC=y_C", "current_A=u_V@duty")
+LAMP = ("temperature_degC=y_C", "current_A=#2@duty")
 
 
 def read(path: Path, columns: Iterable[str] = ()) -> Record:
