@@ -121,7 +121,8 @@ def on_other_records(
     def errors(of: ExtendedModel) -> _Errors:
         return _errors(diagnosis, model_of(of), holdout, first_s)
 
-    base = errors(model(diagnosis.base))
+    base_model = model(diagnosis.base)
+    base = errors(base_model)
     after, written = errors(extended), "extended"
     findings = []
     for finding in diagnosis.findings:
@@ -130,7 +131,7 @@ def on_other_records(
         findings.append(finding)
     verdict = diagnosis.verdict
     if diagnosis.findings and _is_better(after, base):
-        verdict, written, extended, after = "partly_unexplained", "base", model(diagnosis.base), base
+        verdict, written, extended, after = "partly_unexplained", "base", base_model, base
     if diagnosis.likeliest.effects != diagnosis.fit.effects:
         likeliest = model(diagnosis.likeliest)
         if _is_better(after, other := errors(likeliest)):

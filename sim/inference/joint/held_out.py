@@ -25,17 +25,13 @@ HELD_STEPS = 6  # of a fit without the held-out rows, from the fit with them
 
 def simulated(fit: Fit) -> Point:
     """A fit's simulation from the recorded current (or temperature), its plate's discrepancy left out."""
-    joint = fit.joint.on(fit.joint.record, fit.at.coefficients)
-    own = fit.at.own if fit.at.own.size == joint.record.time_s.size else None
-    return joint.solve(fit.at.x, _without_path_correction(joint), own)
+    return _plain(fit.joint.on(fit.joint.record, fit.at.coefficients), fit.at)
 
 
 def residuals(joint: Joint, at: Point) -> dict[str, Array]:
     """By channel what was read less what the simulation shows, (rows,), nan where no reading counts. joint: with the
     film's coefficients known."""
-    record = joint.record
-    plain = joint.solve(at.x, _without_path_correction(joint), at.own if at.own.size == record.time_s.size else None)
-    found = {}
+    record, plain, found = joint.record, _plain(joint, at), {}
     if joint.driven:
         left = record.temperature_degC - plain.run.shown_degC
         found["temperature_K"] = np.where(record.temperature_used, left, np.nan)
@@ -44,8 +40,10 @@ def residuals(joint: Joint, at: Point) -> dict[str, Array]:
     return found
 
 
-def _without_path_correction(joint: Joint) -> Metric:
-    return first_metric(joint) if joint.driven else replace(first_metric(joint), simulated=False)
+def _plain(joint: Joint, at: Point) -> Point:
+    """A point's simulation by the plate's model alone, its path not corrected by the thermometer."""
+    metric = first_metric(joint) if joint.driven else replace(first_metric(joint), simulated=False)
+    return joint.solve(at.x, metric, at.own if at.own.size == joint.record.time_s.size else None)
 
 
 def without_rows(fit: Fit, held: Mask) -> Fit:
@@ -91,7 +89,7 @@ def fitted_to(fit: Fit, record: TwoChannels, told: Mask) -> tuple[Joint, Point]:
     output = fit.metric.output
     metric = Metric(
         replace(fit.metric.temperature, readings=at_K),
-        replace(output, readings=at_dec) if output is not None and joint.film is not None else None,
+        replace(output, readings=at_dec, domains=None) if output is not None and joint.film is not None else None,
         joint.driven,
     )
     at = joint.descend(joint.solve(x, metric), metric)
