@@ -74,8 +74,8 @@ def diagnose(
         for kind in kinds if record.current_A is not None else kinds[:1]:
             say(f"fitting a {kind} plate" if record.current_A is not None else "fitting the film")
             decided = not found or clock() <= search_ends_s
-            search = Search(list(possible), say, names, false_alarm, lambda: clock() > search_ends_s)
-            found.append(selected(record, known, kind, assumed, search))
+            search = Search(possible, say, names, false_alarm, lambda: clock() > search_ends_s)
+            found.append(selected(record, kind, assumed, search))
         chosen = max(found, key=Selected.value)
         if clock() > search_ends_s and budget_s is not None:
             warnings.append(out_of_time(budget_s, () if decided else tuple(kinds)))

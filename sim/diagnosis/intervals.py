@@ -44,11 +44,9 @@ def covariance(fit: Fit) -> Covariance:
     return block_sandwich(jacobian, residual, precision=precision)
 
 
-def intervals(fit: Fit) -> dict[str, dict[str, tuple[float, Interval | None]]]:
-    """Each effect's parameters with their 95 % intervals; None where an interval has no meaning."""
-    if not fit.effects:
-        return {}
-    errors: Array = covariance(fit).standard_errors
+def intervals(fit: Fit, errors: Array) -> dict[str, dict[str, tuple[float, Interval | None]]]:
+    """Each effect's parameters with their 95 % intervals; None where an interval has no meaning. errors: standard
+    errors of all of the fit's parameters, (unknowns,)."""
     found: dict[str, dict[str, tuple[float, Interval | None]]] = {}
     for effect in fit.effects:
         values = fit.values()[effect.name]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.intervals import intervals, is_vague
+from sim.diagnosis.intervals import covariance, intervals, is_vague
 from sim.diagnosis.next_experiment import next_experiments
 from sim.diagnosis.plate_numbers import plate_numbers
 from sim.diagnosis.result import Candidate, Caution, Channel, Diagnosis, Finding, Sizes, verdict_of
@@ -26,7 +26,7 @@ from sim.inference.joint.likelihood import Fit
 from sim.inference.record.record import Mask, Record
 
 CLOSE: Final = math.log(20.0)  # log-likelihood: a set that is this close is as likely, but for odds of 20
-CLEAN_RECORDS: Final = 300  # of which none was given a name: below one of these no rate is known by experience
+CLEAN_RECORDS: Final = 300  # no smaller rate than one of so many is stated: what no noise model knows of bounds it
 MOST_CANDIDATES: Final = 3  # sets that are shown: more are not read
 LEAST_GAIN: Final = 0.02  # of an error, below which a set that is not named is no news
 SHOWN: Final = 0.002  # of a channel's error: an effect that changes less of it does not show there
@@ -49,7 +49,8 @@ def judged(
     search, base, fit = chosen.search, chosen.base, chosen.fit
     fit, refused = _without_refused(search, fit)
     less = {e.name: search.without(fit, e.name) for e in fit.effects if e.name not in search.assumed}
-    all_sizes = intervals(fit)
+    errors = covariance(fit).standard_errors if fit.effects or fit.joint.driven else np.empty(0)
+    all_sizes = intervals(fit, errors)
     vague = [name for name in less if _is_vague(all_sizes[name])]
     left = left_over(fit)
     if record.early > 0.0:
@@ -64,7 +65,7 @@ def judged(
         if name in vague:
             continue
         evidence = search.gain(fit, without)
-        gains = {own.key(c): own.gain(c, rest[name][c], after[c], record) for c in after} if name in rest else {}
+        gains = own.gains(rest[name], after) if name in rest else {}
         gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > SHOWN * g.rmse_before}
         alike = tuple(confounders(fit, name, search))
         chance = _chance(next(e for e in fit.effects if e.name == name), evidence, search)
@@ -81,20 +82,24 @@ def judged(
     candidates: tuple[Candidate, ...] = ()
     if not over():
         say("candidates")
-        likely = [_likely(name, all_sizes[name], rest[name], after, fit, record, own) for name in vague if name in rest]
+        likely = [
+            _candidate({name: all_sizes[name]}, own.gains(rest[name], after), NOT_NAMED_VAGUE, fit)
+            for name in vague
+            if name in rest
+        ]
         candidates = (*likely, *_candidates(record, search, fit, after, refused, own))
     names = [f.name for f in findings]
     next_experiment = next_experiments(
-        dict(known),
+        known,
         names,
-        {f.name: list(f.indistinguishable_from) for f in findings},
+        {f.name: f.indistinguishable_from for f in findings},
         [text for text in unexplained.values() if text is not None],
         record.current_A is not None,
         record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
         record.early == 0.0,
         record.output is not None,
     )
-    every = (*warnings, *warnings_of(record, fit, limits, left, dict(known)))
+    every = (*warnings, *warnings_of(record, fit, limits, left, known))
     film: dict[str, Any] | None = None
     if fit.joint.film is not None:
         pi = isinstance(fit.joint.film, PIFilm)
@@ -111,7 +116,7 @@ def judged(
         film,
         every,
         tuple(next_experiment),
-        plate_numbers(fit),
+        plate_numbers(fit, errors),
         candidates,
         limits,
         {name: sizes for name, sizes in all_sizes.items() if name in search.assumed},
@@ -130,7 +135,7 @@ class _Units:
     channels: Final = {"temperature_K": "temperature", "resistance_dec": "output"}
 
     def __init__(self, record: Record) -> None:
-        self.quantity = record.quantity
+        self.quantity, self.judging = record.quantity, record.judging
 
     def key(self, channel: str) -> str:
         """The channel's key in the JSON."""
@@ -143,10 +148,10 @@ class _Units:
     def unit(self, channel: str) -> str:
         return "K" if channel == "temperature_K" else self.quantity.unit
 
-    def gain(self, channel: str, before: Array, after: Array, record: Record) -> Gain:
-        """Of the judging rows."""
-        size = self.size(channel)
-        return gain(size * before, size * after, record.judging)
+    def gains(self, before: Mapping[str, Array], after: Mapping[str, Array]) -> dict[str, Gain]:
+        """What is gained in the judging rows, by the channels' keys in the JSON."""
+        sizes = {c: self.size(c) for c in after if c in before}
+        return {self.key(c): gain(size * before[c], size * after[c], self.judging) for c, size in sizes.items()}
 
 
 def _without_refused(search: Search, fit: Fit) -> tuple[Fit, dict[str, str]]:
@@ -217,21 +222,17 @@ def _channel(
     return Channel(size * white, size * rms(before[counted]), size * rms(after[counted]), int(np.sum(counted)))
 
 
-def _likely(
-    name: str,
-    sizes: Sizes,
-    without: Mapping[str, Array],
-    after: Mapping[str, Array],
-    fit: Fit,
-    record: Record,
-    own: _Units,
-) -> Candidate:
-    """Return an effect whose evidence holds, and whose size the record does not fix."""
-    gains = {own.key(c): own.gain(c, without[c], after[c], record) for c in after}
-    before = {c: g.rmse_before for c, g in gains.items()}
-    found = {c: g.rmse_after for c, g in gains.items()}
-    less = {c: g.reduction_ci95 for c, g in gains.items()}
-    return Candidate((name,), {name: sizes}, before, found, less, NOT_NAMED_VAGUE, fit)
+def _candidate(sizes: Mapping[str, Sizes], gains: Mapping[str, Gain], why: str, fit: Fit) -> Candidate:
+    """Return a set of effects that is not named. gains: over what is named, or over the set without it, by channel."""
+    return Candidate(
+        tuple(sorted(sizes)),
+        sizes,
+        {c: g.rmse_before for c, g in gains.items()},
+        {c: g.rmse_after for c, g in gains.items()},
+        {c: g.reduction_ci95 for c, g in gains.items()},
+        why,
+        fit,
+    )
 
 
 def _candidates(
@@ -248,20 +249,10 @@ def _candidates(
         decided = {c: gain(named[c], errors[c], record.deciding) for c in named if c in errors}
         if not any(g.rmse_after < (1.0 - LEAST_GAIN) * g.rmse_before for g in decided.values()):
             continue
-        gains = {own.key(c): own.gain(c, named[c], errors[c], record) for c in decided}
+        gains = own.gains(named, errors)
         reasons = [f"{name}: {why[name]}" for name in sorted(key) if name in why]
-        parameters = {name: {p: (v, None) for p, v in values.items()} for name, values in other.values().items()}
-        found.append(
-            Candidate(
-                tuple(sorted(key)),
-                parameters,
-                {c: g.rmse_before for c, g in gains.items()},
-                {c: g.rmse_after for c, g in gains.items()},
-                {c: g.reduction_ci95 for c, g in gains.items()},
-                "; ".join(reasons) or ON_THE_WAY,
-                other,
-            )
-        )
+        sizes = {name: {p: (v, None) for p, v in values.items()} for name, values in other.values().items()}
+        found.append(_candidate(sizes, gains, "; ".join(reasons) or ON_THE_WAY, other))
     return tuple(found)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from sim.effects.effect import Effect
 
@@ -33,9 +33,9 @@ REPEAT_PLATE = (
 
 
 def next_experiments(
-    effects: dict[str, Effect],
+    effects: Mapping[str, Effect],
     names: Sequence[str],
-    confounders: dict[str, list[str]],
+    confounders: Mapping[str, Sequence[str]],
     unexplained: Sequence[str],
     has_current: bool,
     has_test_current: bool,

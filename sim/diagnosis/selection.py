@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -54,18 +54,10 @@ class Selected:
         return replace(self, base=base, memoryless=(_span(self.fit, record), evidence))
 
 
-def selected(
-    record: Record,
-    known: Mapping[str, Effect],
-    kind: Kind = "peltier",
-    assumed: Sequence[Effect] = (),
-    search: Search | None = None,
-) -> Selected:
-    """Select the effects of a record. known: those that are possible; assumed: those that are there; search: how, None:
-    with the usual price."""
+def selected(record: Record, kind: Kind, assumed: Sequence[Effect], search: Search) -> Selected:
+    """Select the effects of a record, among those of the search. assumed: those that are there."""
     fit = base_fit(record, kind)
     moves = not fit.joint.driven or drive_moves(fit)
-    search = search or Search(list(known.values()))
     if not moves:
         search.effects = [effect for effect in search.effects if effect.link not in ("driver", "plate")]
     fit = search.assuming(fit, assumed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from sim.diagnosis.result import Caution, UpperLimit, rough
@@ -15,7 +15,7 @@ ALIKE: Final = 0.1  # relative difference of two lags: instruments and films tha
 
 
 def warnings_of(
-    record: Record, fit: Fit, limits: Sequence[UpperLimit], left: Iterable[str], known: dict[str, Effect]
+    record: Record, fit: Fit, limits: Sequence[UpperLimit], left: Iterable[str], known: Mapping[str, Effect]
 ) -> list[Caution]:
     """Return all warnings that apply. left: the channels with residual structure ("temperature", "output")."""
     found = [*row_warnings(record), *_constant_columns(record)]
@@ -46,7 +46,7 @@ def warnings_of(
     return [*found, *_alike_lags(fit), *_coloured_noise(record, fit)]
 
 
-def _hidden(limit: UpperLimit, known: dict[str, Effect]) -> bool:
+def _hidden(limit: UpperLimit, known: Mapping[str, Effect]) -> bool:
     """Return True if the film's own shape can stand in for a medium-sized effect of the ohmmeter."""
     if limit.typical is None or not at_the_terminals(known[limit.name]):
         return False

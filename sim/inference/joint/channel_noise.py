@@ -27,7 +27,14 @@ LONG_REST: Final = 5.0  # correlation times within which nothing moves at rest, 
 ENOUGH_REST: Final = 10.0  # the same in all: a variance is then known to a half
 ALIKE: Final = 0.5  # of the mean square in motion: at rest it is as large, but for chance
 LOG_SHARE: Final = (-4.0, 1.0)  # bounds of ln(noise / step): below a fiftieth of a step no noise is seen
+MAD: Final = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 LEAST_KNOWN: Final = 1e-6  # of a reading's information: it is divided by
+
+
+def rough_noise(readings: Array) -> float:
+    """Return the standard deviation of what changes from reading to reading, from second differences; 0 of too few."""
+    bend = np.diff(readings, 2)
+    return MAD * float(np.median(np.abs(bend))) / math.sqrt(6.0) if bend.size else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,7 @@ from sim.inference.joint.channel_noise import (
     likelier_of_rounded,
     noise_of_instrument,
     of_rounded,
+    rough_noise,
 )
 from sim.inference.joint.domains import Domains, Relays, domain_columns
 from sim.inference.levenberg_marquardt import Damping, Linearized, descend, held_at_bounds
@@ -232,8 +233,7 @@ class Joint:
         self.anew = anew_rows(record)
         temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
         self.first_degC = first_readings(record, temperature) if self.driven else np.empty(0)
-        bend = np.diff(self.degC, 2)
-        self.rough_K = 1.4826 * float(np.median(np.abs(bend))) / math.sqrt(6.0) if bend.size else 0.0
+        self.rough_K = rough_noise(self.degC)
         self.rounded = self.driven and record.step_K > ROUNDED * self.rough_K
         self.unknowns = self._layout()
         self.names = [unknown.name for unknown in self.unknowns]

@@ -15,7 +15,7 @@ from compensator.thermal.plate import Kind
 from sim.effects.effect import Effect
 from sim.inference.film.relay_plane import relays_over
 from sim.inference.film.rows import Path
-from sim.inference.joint.channel_noise import ChannelNoise, Metric
+from sim.inference.joint.channel_noise import ChannelNoise, Metric, rough_noise
 from sim.inference.joint.films import PIFilm, PreisachFilm, curve_over
 from sim.inference.joint.likelihood import Fit, Joint, Point, TwoChannels
 from sim.inference.memory import beginnings, gaps_of, through_gaps
@@ -41,12 +41,7 @@ def first_metric(joint: Joint) -> Metric:
     temperature = ChannelNoise(Noise(max(joint.rough_K, LEAST_NOISE_K, 0.3 * joint.record.step_K)), at_K)
     if joint.film is None:
         return Metric(temperature, None)
-    return Metric(temperature, ChannelNoise(Noise(max(_rough(joint.output), LEAST_NOISE_DEC)), at_dec))
-
-
-def _rough(readings: Array) -> float:
-    bend = np.diff(readings, 2)
-    return 1.4826 * float(np.median(np.abs(bend))) / math.sqrt(6.0) if bend.size else 0.0
+    return Metric(temperature, ChannelNoise(Noise(max(rough_noise(joint.output), LEAST_NOISE_DEC)), at_dec))
 
 
 def plate_fit(record: TwoChannels, kind: Kind) -> Fit:

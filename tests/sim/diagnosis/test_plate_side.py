@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.diagnosis.intervals import intervals
+from sim.diagnosis.intervals import covariance, intervals
 from sim.diagnosis.search import Search
 from sim.diagnosis.selection import Selected, drive_moves, selected
 from sim.diagnosis.upper_limits import _allowed
@@ -23,7 +23,9 @@ from tests.sim.diagnosis.cases import case
 def chosen(kind: str, seed: int, **choice: Any) -> tuple[dict[str, dict[str, float]], Selected]:
     truth = case(kind, seed, rows=3000, **choice)
     columns = {name: truth.columns[name] for name in ("time_s", "temperature_degC", "current_A")}
-    return truth.hidden, selected(read_columns(columns, held_out=False), catalogue())
+    return truth.hidden, selected(
+        read_columns(columns, held_out=False), "peltier", (), Search(list(catalogue().values()))
+    )
 
 
 @pytest.mark.parametrize("seed", [200100, 200104])
@@ -32,7 +34,7 @@ def test_radiation_is_not_lost_to_a_modules_slopes(seed: int) -> None:
     hidden, found = chosen("one", seed, effect="radiative_loss")
     assert [e.name for e in found.fit.effects] == ["radiative_loss"]
     assert not found.fit.joint.slopes
-    value, _ = intervals(found.fit)["radiative_loss"]["loss_per_K3_s"]
+    value, _ = intervals(found.fit, covariance(found.fit).standard_errors)["radiative_loss"]["loss_per_K3_s"]
     assert value == pytest.approx(hidden["radiative_loss"]["loss_per_K3_s"], rel=0.3)
 
 
@@ -51,7 +53,7 @@ def test_a_modules_slopes_are_no_effect() -> None:
         "temperature_degC": np.array(shown) + 0.01 * rng.standard_normal(time.size),
         "current_A": current,
     }
-    found = selected(read_columns(columns, held_out=False), catalogue())
+    found = selected(read_columns(columns, held_out=False), "peltier", (), Search(list(catalogue().values())))
     assert not found.fit.effects
     assert found.fit.joint.slopes
 
@@ -60,7 +62,7 @@ def test_a_dead_band_is_found_between_its_jumps() -> None:
     """Else a descent that sees no slope leaves the band where it began, and blames something else for the rest."""
     hidden, found = chosen("one", 201005, effect="actuator_deadband")
     assert [e.name for e in found.fit.effects] == ["actuator_deadband"]
-    _, interval = intervals(found.fit)["actuator_deadband"]["deadband_A"]
+    _, interval = intervals(found.fit, covariance(found.fit).standard_errors)["actuator_deadband"]["deadband_A"]
     assert interval is not None
     assert interval[0] <= hidden["actuator_deadband"]["deadband_A"] <= interval[1]
 
@@ -106,7 +108,7 @@ def test_an_effect_may_leave_something_slower() -> None:
         "current_A": drive,
     }
     search = Search(list(catalogue().values()))
-    found = selected(read_columns(columns, held_out=False), catalogue(), "heater", search=search)
+    found = selected(read_columns(columns, held_out=False), "heater", (), search)
     assert "sensor_lag" in [e.name for e in found.fit.effects]
 
 

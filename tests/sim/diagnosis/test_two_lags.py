@@ -43,7 +43,7 @@ def test_without_a_film_the_thermometer_is_the_faster_one() -> None:
     assert lag_s(record(70.0, 5.0, film=False)) == pytest.approx(5.0, rel=0.02)
 
 
-FAST = pytest.mark.xfail(reason="rows 5 K apart on the film's flank leave it too smooth: something is left over")
+FAST = pytest.mark.xfail(strict=True, reason="rows 5 K apart on the film's flank: something is left over")
 
 
 @pytest.mark.parametrize(("plate_s", "thermometer_s"), [(70.0, 5.0), pytest.param(8.0, 25.0, marks=FAST)])
