@@ -116,15 +116,16 @@ class Directions:
         return self.left([self.change(start) - since for start in starts])
 
     def left(self, changes: Sequence[Array]) -> tuple[Array, Array]:
-        """(squares of whitened changes, their products with the residual), (changes,), once all else has followed: nan
-        where a change is not known, 0 where nothing of it is left: parameters or film can do the same."""
+        """(squares of changes in units of the noise, their products with the residual), (changes,), once all else has
+        followed: nan where a change is not known, 0 where nothing of it is left: parameters or film can do the same."""
         found = np.zeros((2, len(changes)))
         found[:, [not np.all(np.isfinite(column)) for column in changes]] = np.nan
         made = [k for k, column in enumerate(changes) if np.all(np.isfinite(column)) and np.any(column != 0.0)]
         if not made:
             return found[0], found[1]
         joint, n = self.joint, len(self.joint.unknowns)
-        inner = joint.projected(self.at, np.column_stack([self._jacobian, *(changes[k] for k in made)]))
+        white = joint.whitened(self.at, self.metric, np.column_stack([changes[k] for k in made]))
+        inner = joint.projected(self.at, np.column_stack([self._jacobian, white]))
         normal = inner[:n, :n] + np.diag(joint.prior_deviation**-2.0)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         normal = normal * np.outer(scale, scale)
@@ -136,7 +137,7 @@ class Directions:
         return found[0], found[1]
 
     def change(self, start: Start) -> Array:
-        """What an effect changes in the whitened readings, nan where it cannot be beside the others."""
+        """What an effect changes in the readings, nan where it cannot be beside the others."""
         joint = self.joint
         try:
             other = joint.having((*joint.effects, start.effect))

@@ -13,7 +13,7 @@ from compensator.thermal.plate import Kind
 from sim.diagnosis.judge import judged
 from sim.diagnosis.result import Caution, Diagnosis
 from sim.diagnosis.search import Search
-from sim.diagnosis.selection import Selected, selected
+from sim.diagnosis.selection import selected
 from sim.diagnosis.sparse_loop import sparse_loop
 from sim.diagnosis.warnings import out_of_time
 from sim.effects.catalogue import catalogue
@@ -69,16 +69,11 @@ def diagnose(
     possible = [effect for effect in known.values() if sparse is None or effect.before_film]
     warnings: list[Caution] = []
     with threadpool_limits(limits=1):
-        found: list[Selected] = []
-        decided = True
-        for kind in kinds if record.current_A is not None else kinds[:1]:
-            say(f"fitting a {kind} plate" if record.current_A is not None else "fitting the film")
-            decided = not found or clock() <= search_ends_s
-            search = Search(possible, say, names, false_alarm, lambda: clock() > search_ends_s)
-            found.append(selected(record, kind, assumed, search))
-        chosen = max(found, key=Selected.value)
+        say(f"fitting a {' or '.join(kinds)} plate" if record.current_A is not None else "fitting the film")
+        search = Search(possible, say, names, false_alarm, lambda: clock() > search_ends_s)
+        chosen = selected(record, kinds, assumed, search)
         if clock() > search_ends_s and budget_s is not None:
-            warnings.append(out_of_time(budget_s, () if decided else tuple(kinds)))
+            warnings.append(out_of_time(budget_s))
         if not chosen.drive_moves:
             warnings.append(Caution("drive_without_effect", f"current_A: {STILL}"))
         if base == "generalized_pi":

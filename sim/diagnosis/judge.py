@@ -19,10 +19,12 @@ from sim.diagnosis.selection import Selected
 from sim.diagnosis.upper_limits import upper_limits
 from sim.diagnosis.warnings import warnings_of
 from sim.effects.effect import Effect, Reading
+from sim.inference.covariance import NORMAL_95
 from sim.inference.gain import Gain, gain, rms
 from sim.inference.joint.films import PIFilm
 from sim.inference.joint.held_out import errors_in
 from sim.inference.joint.likelihood import Fit
+from sim.inference.record.lattice import step_error
 from sim.inference.record.record import Mask, Record
 
 CLOSE: Final = math.log(20.0)  # log-likelihood: a set that is this close is as likely, but for odds of 20
@@ -184,8 +186,8 @@ def _rounding(fit: Fit, search: Search) -> Finding | None:
     if effect is None or not fit.joint.driven or not step > 0.5 * math.hypot(noise, step / math.sqrt(12.0)) > 0.0:
         return None
     evidence = fit.joint.rows_K.size * math.log(max(step / max(noise, 0.02 * step), 2.0))
-    last_digit = 1e-6 * step  # a file's own rounding
-    sizes: Sizes = {effect.parameters[0].name: (step, (step - last_digit, step + last_digit))}
+    reach = NORMAL_95 * step_error(fit.joint.degC, step) + 1e-6 * step  # no file has more digits
+    sizes: Sizes = {effect.parameters[0].name: (step, (step - reach, step + reach))}
     return Finding(effect.name, sizes, evidence, _chance(effect, evidence, search))
 
 

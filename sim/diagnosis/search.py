@@ -16,7 +16,7 @@ from sim.effects.effect import Effect, jumps
 from sim.inference.evidence import FALSE_ALARM, price
 from sim.inference.joint.channel_noise import ChannelNoise, Metric
 from sim.inference.joint.films import PIFilm
-from sim.inference.joint.likelihood import Fit
+from sim.inference.joint.likelihood import Fit, Module
 from sim.inference.joint.starts import (
     evidence_of_film,
     in_domains,
@@ -36,10 +36,10 @@ TURNS: Final = 4  # of searching a jumping parameter and following with all othe
 SAME_LIKELIHOOD: Final = 0.5  # less than any interval is made of
 STARTS_EACH: Final = 2  # of one candidate: an effect's cost may have several minima
 FAR_BEHIND: Final = 0.1  # share of the best score, below which a candidate waits for the next stage
+BEHIND: Final = 0.5  # share of the best gain, below which a first fit is not finished
 PROMISING: Final = 0.2  # share of its price that a score must promise: far from its size it is 3 to 5 times short
 MOST_EFFECTS: Final = 5  # more cannot be told apart in one record
 MOST: Final = 0.75  # of the mean square beyond the noise, half of its size: what explains less is no cause of it
-MOST_FILMS: Final = 2  # trials of a film of another kind: one before its effects are known, and one after
 PARTS: Final = ((50, 4), (50, 8))  # of the plane of a film in domains: as many as a few seconds can compute
 LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit's own discretization
 
@@ -69,9 +69,9 @@ class Search:
         return sum(price(len(e.parameters), rows, len(self.effects), self.false_alarm) for e in priced)
 
     def value(self, fit: Fit) -> float:
-        """Log-likelihood less the price of the effects, and what the parameters of a module with slopes cost."""
+        """Log-likelihood less the price of the effects, and what the parameters of the module cost."""
         rows = fit.joint.rows_K.size + fit.joint.rows_dec.size
-        of_module = 0.5 * 2 * math.log(rows) if fit.joint.slopes else 0.0
+        of_module = 0.5 * fit.joint.module.parameters * math.log(rows)
         return fit.log_likelihood - self.cost_of(fit, fit.effects) - of_module
 
     def worth_of_film(self, fit: Fit) -> float:
@@ -100,9 +100,13 @@ class Search:
                 tried.append(self.fitted(fit, start.scaled(), metric))
                 gain = tried[-1].log_likelihood - fit.log_likelihood
                 self.say(f"tried {described(start.effect, tried[-1])}: log-likelihood {gain:+.0f}")
-        tried.sort(key=self.value, reverse=True)
-        fits = [again for again in map(self.finished, tried[:FINISHED]) if again is not None]
-        return max(fits, key=self.value, default=None)
+        best: Fit | None = None
+        for first in sorted(tried, key=self.value, reverse=True)[:FINISHED]:
+            if best is not None and self.gain(first, fit) < BEHIND * self.gain(best, fit):
+                break
+            again = self.finished(first)
+            best = again if best is None or (again and self.value(again) > self.value(best)) else best
+        return best
 
     def promising(self, ranked: Sequence[Start], fit: Fit, stands_for: float) -> list[Start]:
         """The few starts that are worth a full fit. stands_for: log-likelihood that they have to make up for."""
@@ -194,12 +198,13 @@ class Search:
         they do not: what bends the heat balance may be either, or an effect."""
         if not fit.joint.driven or fit.joint.kind != "peltier":
             return fit
-        return self.keep(max(fit, self.of_other_module(fit), key=self.value))
+        other = self.with_module(fit, Module("peltier", not fit.joint.slopes))
+        return self.keep(max(fit, other, key=self.value))
 
     @staticmethod
-    def of_other_module(fit: Fit) -> Fit:
-        """The fit with a module that has slopes where this one has none, or the other way round."""
-        joint = fit.joint.having(fit.effects, slopes=not fit.joint.slopes)
+    def with_module(fit: Fit, module: Module) -> Fit:
+        """The fit with another module."""
+        joint = fit.joint.having(fit.effects, module=module)
         return joint.fit(joint.from_other(fit.joint, fit.at.x), fit.metric, fit.at.known_own, most=fit.most)
 
     def without(self, fit: Fit, name: str) -> Fit:
@@ -215,30 +220,38 @@ class Search:
         """The best set and form of film, from a fit on."""
         self.keep(fit)
         self.say(f"set: {named(fit)}")
-        anew, plain, films = False, False, 0
+        anew = other_film = False
         while len(fit.effects) < MOST_EFFECTS + len(self.assumed) and not self.over():
+            fit = self.finer(fit)
             found = self.add(fit)
             better = None
             if found is not None and self.gain(found, fit) > self.cost_of(found, found.effects[-1:]):
-                better = self.keep(remembered(found))
+                better = self.keep(remembered(found) if "output" in left_over(found) else found)
                 better = self.likelier_module(better) if found.effects[-1].before_film else better
                 better = self.pruned(better)
                 if better.effects == fit.effects and better.log_likelihood <= fit.log_likelihood + WORTH:
                     better = None  # what was added went again
-            if better is None and isinstance(fit.joint.film, PIFilm) and "output" in left_over(fit):
-                if not anew:
+            if isinstance(fit.joint.film, PIFilm) and "output" in left_over(fit):
+                if better is None and not anew:
                     again, anew = restarted(fit), True
                     better = self.keep(again) if again.log_likelihood > fit.log_likelihood + WORTH else None
-                if better is None and films < MOST_FILMS:  # without the effects that may stand in for the film, too
-                    other, films = self.of_another_kind(fit), films + 1
-                    better = self.of_film(other, fit)
-            elif better is None and films and not plain:  # what is known now may be what the other film did
-                better, plain = self.of_film(with_pi_film(fit), fit), True
+                another = self.of_film(self.of_another_kind(fit), better or fit)
+                better, other_film = another or better, other_film or another is not None
+            elif better is None and other_film:  # what is known now may be what the other film did
+                better, other_film = self.of_film(with_pi_film(fit), fit), False
             if better is None:
                 break
             fit = better
             self.say(f"set: {named(fit)}")
         return self.exchanged(fit)
+
+    def finer(self, fit: Fit) -> Fit:
+        """The fit with the radii of a PI film closer to each other, where something is left and that is likelier."""
+        film = fit.joint.film
+        if not isinstance(film, PIFilm) or "output" not in left_over(fit) or film.operators == film.finer().operators:
+            return fit
+        joint = fit.joint.having(fit.effects, film.finer())
+        return self.of_film(joint.fit(fit.at.x, fit.metric, fit.at.known_own, most=fit.most), fit) or fit
 
     def of_another_kind(self, fit: Fit) -> Fit:
         """The likeliest fit with a Preisach film, smooth or in domains, with all effects or without those that may
@@ -278,18 +291,19 @@ class Search:
         for effect in fit.effects:
             if effect.name in self.assumed or self.over():
                 continue
-            less, name = self.dropped(fit, effect.name), effect.name
+            less, name = self.without(fit, effect.name), effect.name
 
             def others(effect: Effect, name: str = name) -> bool:
                 return effect.name != name
 
             left = left_over(fit)  # then one effect may stand in for two
-            other = self.add(less, others, 0.0 if left else self.gain(fit, less))
+            other = self.add(less, others, self.gain(fit, less) * (0.5 if left else 1.0))
             if other is not None and left:
-                other = max(other, self.add(other, others) or other, key=self.value)
+                pair = self.add(other, others)
+                other = max(other, pair, key=self.value) if pair and left_over(pair).keys() < left.keys() else other
             fit = self.exchange(fit, other)
         if fit.joint.slopes and not self.over():
-            plain = self.of_other_module(fit)
+            plain = self.with_module(fit, Module("peltier"))
             fit = self.keep(max(fit, plain, key=self.value))
             fit = self.exchange(fit, self.add(plain, lambda effect: effect.link == "plate"))
         return fit

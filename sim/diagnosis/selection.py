@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -16,7 +15,7 @@ from sim.diagnosis.search import Search
 from sim.effects.effect import Effect
 from sim.inference.evidence import price
 from sim.inference.joint.films import PIFilm, PreisachFilm
-from sim.inference.joint.likelihood import Fit
+from sim.inference.joint.likelihood import Fit, Module
 from sim.inference.joint.starts import base_fit
 from sim.inference.record.record import Record
 from sim.model.film_columns import SmoothCurve
@@ -37,11 +36,6 @@ class Selected:
     drive_moves: bool = True
     memoryless: tuple[Sizes, float] | None = None
 
-    def value(self) -> float:
-        """Log-likelihood less the price of the effects, and of the parameters that this kind of plate has."""
-        joint = self.fit.joint
-        return self.search.value(self.fit) - 0.5 * len(joint.unknowns) * math.log(joint.rows_K.size)
-
     def without_memoryless(self, record: Record, decides: bool) -> Selected:
         """Return the selection with a base whose film has no D(T); the extended fit has one if its gain exceeds its
         price, and the record decides about its film."""
@@ -54,14 +48,25 @@ class Selected:
         return replace(self, base=base, memoryless=(_span(self.fit, record), evidence))
 
 
-def selected(record: Record, kind: Kind, assumed: Sequence[Effect], search: Search) -> Selected:
-    """Select the effects of a record, among those of the search. assumed: those that are there."""
-    fit = base_fit(record, kind)
+def selected(record: Record, kinds: Sequence[Kind], assumed: Sequence[Effect], search: Search) -> Selected:
+    """Select the effects of a record, among those of the search, and the kind of plate. assumed: those that are there.
+
+    The kind is chosen before any effect is known; the other one is then tried with the effects that were found.
+    """
+    fit = base_fit(record, kinds)
     moves = not fit.joint.driven or drive_moves(fit)
     if not moves:
         search.effects = [effect for effect in search.effects if effect.link not in ("driver", "plate")]
-    fit = search.assuming(fit, assumed)
-    return Selected(fit, search.run(fit), search, moves)
+    base = search.assuming(fit, assumed)
+    found = search.run(base)
+    for kind in kinds:
+        if not fit.joint.driven or not moves or search.over() or kind == found.joint.kind:
+            continue
+        other = search.with_module(found, Module(kind))
+        if search.value(other) > search.value(found):
+            search.table.clear()
+            base, found = search.assuming(base_fit(record, (kind,)), assumed), search.run(other)
+    return Selected(base, found, search, moves)
 
 
 def drive_moves(fit: Fit) -> bool:

@@ -104,9 +104,7 @@ def _coloured_noise(record: Record, fit: Fit) -> list[Caution]:
     return [Caution("coloured_noise", text)]
 
 
-def out_of_time(seconds: float, kinds: Sequence[str] = ()) -> Caution:
-    """Return the warning of a search that its time cut short. kinds: of plate, if not all of them were searched."""
+def out_of_time(seconds: float) -> Caution:
+    """Return the warning of a search that its time cut short."""
     text = f"the search was ended by its budget of {seconds:.3g} s: this is the best until then; more time may say more"
-    if kinds:
-        text += f". The kind of plate ({' or '.join(kinds)}) was not decided: what is said here may be of the wrong one"
     return Caution("out_of_time", text)

@@ -281,13 +281,19 @@ def _whitened(columns: Array, gains: Array) -> Array:
 
 
 def estimate(
-    residual: Array, readings: Readings, least_white: float = 0.0, most_slow: float = math.inf, least_tau_s: float = 0.0
+    residual: Array,
+    readings: Readings,
+    least_white: float = 0.0,
+    most_slow: float = math.inf,
+    least_tau_s: float = 0.0,
+    near: Noise | None = None,
 ) -> Noise:
     """Return the noise of the highest likelihood for a residual, (readings,).
 
     least_white: the white noise is not smaller: an instrument's last digit. most_slow: the discrepancy is not larger:
     without a bound it stands in for a model that is all wrong. It is 0 where it gains less than `SIGNIFICANT`.
-    least_tau_s: its correlation time is no shorter than that and than the distance of readings.
+    least_tau_s: its correlation time is no shorter than that and than the distance of readings. near: a noise with a
+    discrepancy to begin with; else the likelihood is climbed from the best of many.
     """
     step, span = readings.step_s(), float(np.ptp(readings.time_s)) + readings.step_s()
 
@@ -300,6 +306,8 @@ def estimate(
     alone, white = _profile(residual, readings.steps_s, readings.variance, 0.0, step)
     times = [step * time for time in TIMES if time * step < 3.0 * span]
     starts = [(math.log(ratio), math.log(time)) for ratio in RATIOS for time in times]
+    if near is not None and near.slow > 0.0:
+        starts = [(math.log(near.ratio), math.log(near.tau_s))]
     best = min((np.array(start) for start in starts), key=cost, default=None)
     if best is not None:
         found = minimize(cost, best, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxiter": 200})
@@ -351,7 +359,7 @@ def estimate_repeated(
     _, variance, mean = at(ratio)
     white = max(math.sqrt(variance), least_white)
     readings = replace(readings, variance=readings.variance + ratio * repeated.rest)
-    left = estimate(residual - mean, readings, least_white, most_slow, LASTING * repeated.lasts_s)
+    left = estimate(residual - mean, readings, least_white, most_slow, LASTING * repeated.lasts_s, before)
     return Noise(white, math.sqrt(left.ratio) * white, left.tau_s, ratio * variance), mean
 
 

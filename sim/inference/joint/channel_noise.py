@@ -137,17 +137,17 @@ def noise_before_rounding(residual: Array, step: float) -> float:
 def estimated_noise(
     residual: Array, readings: Readings, error: Array, least: float, most: float, start: ChannelNoise | None = None
 ) -> ChannelNoise:
-    """Noise of a residual with readings far out weighing less. error: what each reading is off by besides; start: where
-    a discrepancy comes again, that and a noise to begin with."""
+    """Noise of a residual with readings far out weighing less. error: what each reading is off by besides; start: a
+    noise to begin with, and the discrepancy that comes again."""
     far, domains = np.ones(residual.size), start.domains if start else None
     noise = Noise(max(float(np.sqrt(np.mean(residual**2))), least))
-    if start is not None and domains is not None:
+    if start is not None and (domains is not None or start.noise.slow > 0.0):
         noise = start.noise
     for _ in range(3):
         more, before = (error / noise.white) ** 2, noise
         readings, left = replace(readings, variance=far + more), residual
         if domains is None:
-            noise, known = estimate(residual, readings, least, most), readings
+            noise, known = estimate(residual, readings, least, most, near=noise), readings
         else:
             noise, mean = estimate_repeated(residual, readings, domains, noise, least, most)
             left = residual - mean

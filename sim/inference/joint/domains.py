@@ -16,6 +16,7 @@ as variance of a reading (E. Snelson, Z. Ghahramani, NIPS 18 (2006) 1257).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from sim.inference.noise import Repeated
 from sim.model.film_columns import film_path
 from sim.model.film_nodes import FilmNodes
 from sim.model.operator_outputs import Integers
+
+LEFT_OUT: Final = 0.1  # of what the sum over cells leaves out: as much again is left out for fewer columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +70,16 @@ def domain_columns(relays: Relays, nodes: FilmNodes, parts: tuple[int, int]) -> 
     first, second, both = (np.sum(state**2, axis=1) for state in states)
     switched = float(np.sum(np.abs(np.diff(states[2] @ np.sqrt(sums[2])))))
     a_part_s = float(np.ptp(nodes.time_s)) * float(np.sum(weight)) / parts[0] / max(switched, 1e-300)
-    return columns, np.maximum(0.25 * float(np.sum(weight)) - first - second + both, 0.0), a_part_s
+    rest = np.maximum(0.25 * float(np.sum(weight)) - first - second + both, 0.0)
+    return *_fewer(columns, rest), a_part_s
+
+
+def _fewer(columns: Array, rest: Array) -> tuple[Array, Array]:
+    """(Fewer columns of nearly the same covariance; what they leave out as well as the rest)."""
+    sizes, ways = np.linalg.eigh(columns.T @ columns)  # sizes rise
+    kept = np.cumsum(sizes) > LEFT_OUT * float(np.sum(rest))
+    fewer = columns @ ways[:, kept]
+    return fewer, rest + np.maximum(np.sum(columns**2, axis=1) - np.sum(fewer**2, axis=1), 0.0)
 
 
 def _parts(degC: Array, weight: Array, turns_degC: Array, parts: tuple[int, int]) -> tuple[Integers, Integers]:

@@ -25,7 +25,8 @@ from sim.model.film_columns import SmoothCurve, operator_columns, play_columns
 from sim.model.film_nodes import FilmNodes
 from sim.model.record_own import FilmStart
 
-OPERATORS: Final = 48  # radii: finer than a usual noise can tell apart
+OPERATORS: Final = 48  # radii: finer than a usual noise can tell apart, and
+FINER: Final = 4  # times as many where it can
 CONSTANT_DEC: Final = 30.0  # prior deviation of the offset: any resistance there is
 CURVE_DEC: Final = (1.0, 0.5, 0.2)  # of D's slope and bends over the range (degrees 1 to 3): less than any transition
 WAVE_DEC: Final = 0.03  # of what else D may do
@@ -74,10 +75,15 @@ class PIFilm:
     slope_per_K: float
     range_degC: tuple[float, float]
     start: FilmStart = field(default_factory=FilmStart)
+    operators: int = OPERATORS
 
     @cached_property
     def radii(self) -> Array:
-        return np.arange(OPERATORS) / OPERATORS
+        return np.arange(self.operators) / self.operators
+
+    def finer(self) -> PIFilm:
+        """The same with its radii closer to each other."""
+        return replace(self, operators=FINER * OPERATORS)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -92,7 +98,7 @@ class PIFilm:
 
     @cached_property
     def precision(self) -> Array:
-        return np.append(_curve_precision(self.curve), np.full(OPERATORS, WEIGHT_DEC**-2.0))
+        return np.append(_curve_precision(self.curve), np.full(self.operators, WEIGHT_DEC**-2.0))
 
     @property
     def free(self) -> int:

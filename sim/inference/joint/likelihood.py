@@ -19,7 +19,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +142,19 @@ class FilmForm(Protocol):
         ...
 
 
+class Module(NamedTuple):
+    """What moves a plate: a Peltier module or a heater; slopes: its Seebeck coefficient and resistance change with
+    temperature."""
+
+    kind: Kind
+    slopes: bool = False
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers its drive has: s, r and their slopes, or q."""
+        return 1 if self.kind == "heater" else 4 if self.slopes else 2
+
+
 @dataclass(frozen=True, eq=False)
 class Simulated:
     """One simulation. shown_degC: (rows,); path: of the film; nodes and links of the film's side; columns: of its own
@@ -254,15 +267,19 @@ class Joint:
         """The likelihood of another record, or of other readings."""
         return Joint(record, self.effects, self.film, self.kind, coefficients, self.slopes)
 
-    def having(self, effects: Sequence[Effect], film: FilmForm | None = None, slopes: bool | None = None) -> Joint:
-        """The likelihood of the same record with other effects, and maybe another form of film, or a module with
-        slopes or without."""
-        slopes = self.slopes if slopes is None else slopes
-        other = Joint(self.record, effects, film or self.film, self.kind, self.coefficients, slopes)
+    def having(self, effects: Sequence[Effect], film: FilmForm | None = None, module: Module | None = None) -> Joint:
+        """The likelihood of the same record with other effects, and maybe another form of film, or another module."""
+        module = module or self.module
+        other = Joint(self.record, effects, film or self.film, module.kind, self.coefficients, module.slopes)
         for name in ("_measured_path", "measured"):
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]
         return other
+
+    @property
+    def module(self) -> Module:
+        """What moves the plate."""
+        return Module(self.kind, self.slopes)
 
     # ---- parameters ---------------------------------------------------------------------------------------------
 
@@ -327,8 +344,14 @@ class Joint:
         return np.array([unknown.start for unknown in self.unknowns])
 
     def from_other(self, other: Joint, x: Array) -> Array:
-        """Parameters of another set where this one has the same; else their starts."""
-        return np.array([x[other.place[u.name]] if u.name in other.place else u.start for u in self.unknowns])
+        """Parameters of another set where this one has the same; else their starts. A heater heats as much by a unit of
+        drive as a Peltier module does at 300 K."""
+        known = {name: float(x[k]) for name, k in other.place.items()}
+        if "s" in known:
+            known["q"] = 300.0 * known["s"]
+        elif "q" in known:
+            known |= {"s": known["q"] / 300.0, "r": SHARE[0] * known["q"] / self._largest_A}
+        return np.array([known.get(u.name, u.start) for u in self.unknowns])
 
     def with_effect(self, x: Array, effect: Effect, values: Sequence[float]) -> Array:
         """The parameters with an effect's values."""
@@ -510,34 +533,39 @@ class Joint:
         )
 
     def change(self, at: Point, metric: Metric, x: Array, thermal: bool, joint: Joint | None = None) -> Array:
-        """Change of both channels' used readings from a point to other parameters, coefficients held, whitened,
-        (readings of both,). joint: of another set of effects, whose parameters x are."""
+        """Change of both channels' used readings from a point to other parameters, coefficients held, (readings of
+        both,). joint: of another set of effects, whose parameters x are."""
         joint = joint or self
         run = joint.simulate(x, metric, at.known_own, None if thermal else at.run)
-        change = run.shown_degC - at.run.shown_degC
-        white = metric.temperature.whitening.of(change[self.rows_K]) * np.sqrt(at.known_K)
+        change = (run.shown_degC - at.run.shown_degC)[self.rows_K]
         if self.film is None:
-            return white
-        assert metric.output is not None
+            return change
         if run.columns is None or not np.all(np.isfinite(change)):
-            return np.full(white.size + self.rows_dec.size, np.nan)
+            return np.full(change.size + self.rows_dec.size, np.nan)
         signal = run.columns @ at.coefficients
         range_of = at.range_of if at.range_of.size else self.measured if run.links.readings else None
         shown = joint._shown(run, signal, range_of)
-        return np.append(white, metric.output.whitening.of((shown - at.shown_dec)[self.rows_dec]))
+        return np.append(change, (shown - at.shown_dec)[self.rows_dec])
+
+    def whitened(self, at: Point, metric: Metric, changes: Array) -> Array:
+        """Changes of both channels' used readings in units of their noise, (readings of both, changes)."""
+        split = self.rows_K.size
+        white = metric.temperature.whitening.of(changes[:split]) * np.sqrt(at.known_K)[:, None]
+        if self.film is None:
+            return np.asarray(white)
+        assert metric.output is not None
+        return np.concatenate((white, metric.output.whitening.of(changes[split:])))
 
     def jacobian(self, at: Point, metric: Metric) -> Array:
         """Derivatives of both channels' whitened readings, coefficients held, (readings of both, unknowns)."""
-        out = np.empty((self.rows_K.size + self.rows_dec.size, len(self.unknowns)), order="F")
-        for k, unknown in enumerate(self.unknowns):
-            if not self.moves[k]:
-                out[:, k] = 0.0
-                continue
+        out = np.zeros((self.rows_K.size + self.rows_dec.size, len(self.unknowns)))
+        for k in np.flatnonzero(self.moves):
+            unknown = self.unknowns[k]
             step = unknown.step if at.x[k] + unknown.step <= unknown.high else -unknown.step
             x = at.x.copy()
             x[k] += step
             out[:, k] = self.change(at, metric, x, unknown.thermal) / step
-        return out
+        return self.whitened(at, metric, out)
 
     def residual(self, at: Point) -> Array:
         """Of both channels, whitened."""
@@ -629,7 +657,9 @@ class Joint:
             temperature = before.temperature
         else:
             least = max(LEAST_NOISE_K, step / math.sqrt(12.0))
-            temperature = estimated_noise(at.residual_K, readings, np.zeros(at.residual_K.size), least, most[0])
+            temperature = estimated_noise(
+                at.residual_K, readings, np.zeros(at.residual_K.size), least, most[0], before.temperature
+            )
             temperature = noise_of_instrument(at.residual_K, temperature, at.run.shown_degC[self.rows_K])
             if self.rounded:
                 temperature = likelier_of_rounded(at.residual_K, step, temperature)

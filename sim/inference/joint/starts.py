@@ -44,12 +44,15 @@ def first_metric(joint: Joint) -> Metric:
     return Metric(temperature, ChannelNoise(Noise(max(rough_noise(joint.output), LEAST_NOISE_DEC)), at_dec))
 
 
-def plate_fit(record: TwoChannels, kind: Kind) -> Fit:
-    """The plate alone: the likelier module of one whose numbers change with temperature, and one where they do not."""
-    found = [_plate_fit(Joint(record, (), None, kind))]
-    if found[0].joint.slopes:
-        found.append(_plate_fit(Joint(record, (), None, kind, slopes=False)))
-    return max(found, key=lambda f: f.log_likelihood)
+def plate_fit(record: TwoChannels, kinds: Sequence[Kind] = ("peltier",)) -> Fit:
+    """The plate alone, of the likelier kind, each with its likelier module: one whose numbers change with temperature,
+    or one where they do not."""
+    found = []
+    for kind in kinds if record.current_A is not None else kinds[:1]:
+        slopes = (True, False) if kind == "peltier" else (False,)
+        tried = [_plate_fit(Joint(record, (), None, kind, slopes=some)) for some in slopes]
+        found.append(max(tried, key=lambda f: f.log_likelihood))
+    return max(found, key=lambda f: f.log_likelihood - 0.5 * f.joint.module.parameters * math.log(f.joint.rows_K.size))
 
 
 def _plate_fit(joint: Joint) -> Fit:
@@ -193,9 +196,9 @@ def thinned(fit: Fit) -> Fit:
     return joint.fit(at.x, fit.metric, at.own, most=fit.most)
 
 
-def base_fit(record: TwoChannels, kind: Kind = "peltier") -> Fit:
-    """The fit without any effect, of whatever channels the record has."""
-    plate = plate_fit(record, kind)
+def base_fit(record: TwoChannels, kinds: Sequence[Kind] = ("peltier",)) -> Fit:
+    """The fit without any effect, of whatever channels the record has, and of the likelier kind of plate."""
+    plate = plate_fit(record, kinds)
     if record.output is None:
         return plate
     best = _with_film(plate)

@@ -79,17 +79,6 @@ def test_out_of_time_is_said_and_the_best_so_far_reported(lagging: Case) -> None
     assert all(np.isfinite(c.rmse_extended) for c in found.channels.values() if c is not None)
 
 
-def test_a_kind_of_plate_that_was_not_tried_to_the_end_is_said(lagging: Case) -> None:
-    clock = ticking(1.0)
-    heated = {name: lagging.columns[name] for name in ("time_s", "temperature_degC")}
-    heated["current_A"] = np.abs(lagging.columns["current_A"])  # never cools, and no plate follows it
-    found = diagnose(heated, budget_s=3.0, kinds=("peltier", "heater"), clock=lambda: next(clock))
-    (told,) = [w.text for w in found.warnings if w.code == "out_of_time"]
-    assert "The kind of plate (peltier or heater) was not decided" in told
-    one = diagnose(heated, budget_s=3.0, kinds=("heater",), clock=ticking(1.0).__next__)
-    assert not any("kind of plate" in w.text for w in one.warnings if w.code == "out_of_time")
-
-
 @pytest.mark.long
 def test_enough_time_changes_nothing(lagging: Case) -> None:
     clock = ticking(1.0)

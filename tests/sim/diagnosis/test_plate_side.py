@@ -24,7 +24,7 @@ def chosen(kind: str, seed: int, **choice: Any) -> tuple[dict[str, dict[str, flo
     truth = case(kind, seed, rows=3000, **choice)
     columns = {name: truth.columns[name] for name in ("time_s", "temperature_degC", "current_A")}
     return truth.hidden, selected(
-        read_columns(columns, held_out=False), "peltier", (), Search(list(catalogue().values()))
+        read_columns(columns, held_out=False), ("peltier",), (), Search(list(catalogue().values()))
     )
 
 
@@ -53,7 +53,7 @@ def test_a_modules_slopes_are_no_effect() -> None:
         "temperature_degC": np.array(shown) + 0.01 * rng.standard_normal(time.size),
         "current_A": current,
     }
-    found = selected(read_columns(columns, held_out=False), "peltier", (), Search(list(catalogue().values())))
+    found = selected(read_columns(columns, held_out=False), ("peltier",), (), Search(list(catalogue().values())))
     assert not found.fit.effects
     assert found.fit.joint.slopes
 
@@ -76,7 +76,7 @@ def test_a_current_that_only_heats_moves_its_plate() -> None:
         shown.append(degC)
         degC += 1e-3 * u * (degC + 273.15) + 0.5 * 0.2 * u**2 - 0.01 * (degC - 25.0)
     columns = {"time_s": time, "temperature_degC": np.array(shown) + 0.05 * rng.standard_normal(900), "current_A": duty}
-    assert drive_moves(plate_fit(read_columns(columns, held_out=False), "peltier"))
+    assert drive_moves(plate_fit(read_columns(columns, held_out=False), ("peltier",)))
 
 
 def test_rounding_gives_way_to_what_a_model_lacks() -> None:
@@ -108,7 +108,7 @@ def test_an_effect_may_leave_something_slower() -> None:
         "current_A": drive,
     }
     search = Search(list(catalogue().values()))
-    found = selected(read_columns(columns, held_out=False), "heater", (), search)
+    found = selected(read_columns(columns, held_out=False), ("heater",), (), search)
     assert "sensor_lag" in [e.name for e in found.fit.effects]
 
 

@@ -9,7 +9,7 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.row_warnings import row_warnings
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched
-from sim.inference.record.lattice import lattice_step
+from sim.inference.record.lattice import lattice_step, step_error
 from sim.inference.record.record import Record, read_columns
 from sim.model.film_nodes import film_nodes
 from sim.model.gaps import gap_threshold
@@ -169,6 +169,14 @@ def test_a_lattice_is_told_beneath_outliers(share: float) -> None:
     assert lattice_step(moved) == pytest.approx(0.0625, rel=1e-6)
     assert lattice_step(values + 0.01 * rng.standard_normal(6000)) == 0.0
     assert lattice_step(np.round(values + 0.01 * rng.standard_normal(6000), 3)) == 0.0
+
+
+def test_a_step_is_found_through_the_last_digit_of_a_file() -> None:
+    """An instrument's step is no multiple of what a file writes: 40 K of readings at 0.0867 K, in 0.001 K."""
+    true = 0.08668181821973647
+    readings = np.round(true * np.round(np.random.default_rng(3).uniform(22.0, 63.0, 6000) / true), 3)
+    step = lattice_step(readings)
+    assert abs(step - true) < 3.0 * step_error(readings, step) < 1e-5
 
 
 @pytest.mark.parametrize(
