@@ -188,7 +188,7 @@ def _start(film: FilmModel | None, initial: Initial | None, readings: Told) -> F
     chosen: Any = film.initial if initial in (None, "fitted") else initial
     if initial == "fitted":
         return FilmStart(chosen)
-    return FilmStart(chosen, float(readings.temperature_degC[np.isfinite(readings.temperature_degC)][0]))
+    return FilmStart(chosen, (float(readings.temperature_degC[np.isfinite(readings.temperature_degC)][0]),))
 
 
 def _first_rows(rows: Rows, first_s: float | None, fitted: bool) -> Mask:
@@ -372,7 +372,7 @@ def fitted_values(found: Prediction, model: Model) -> dict[str, Any]:
         fitted["ambient_degC"] = found.own.ambient_degC
         fitted["first_degC"] = float(found.own.plate_degC[0])
     if model.film is not None:
-        fitted |= {"memory": film.initial, "turned_at_degC": film.previous_degC}
+        fitted |= {"memory": film.initial, "turned_at_degC": list(film.turned_degC)}
     return fitted
 
 

@@ -40,7 +40,7 @@ BEHIND: Final = 0.5  # share of the best gain, below which a first fit is not fi
 PROMISING: Final = 0.2  # share of its price that a score must promise: far from its size it is 3 to 5 times short
 MOST_EFFECTS: Final = 5  # more cannot be told apart in one record
 MOST: Final = 0.75  # of the mean square beyond the noise, half of its size: what explains less is no cause of it
-PARTS: Final = ((50, 4), (50, 8))  # of the plane of a film in domains: as many as a few seconds can compute
+PARTS: Final = ((50, 4), (100, 8))  # of the plane of a film in domains: as many as a few seconds can compute
 LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit's own discretization
 
 
@@ -48,7 +48,7 @@ LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit
 class Search:
     """Sets of effects of one record and their fits. say: takes a line of progress; assumed: effects that are there,
     whatever the record shows; false_alarm: the share of records without any effect that may be given a name; over: the
-    time for the search has passed."""
+    time for the search has passed; table: the fits; films: the sets that were tried with a film of another kind."""
 
     effects: Sequence[Effect]
     say: Callable[[str], None] = lambda text: None
@@ -56,6 +56,7 @@ class Search:
     false_alarm: float = FALSE_ALARM
     over: Callable[[], bool] = lambda: False
     table: dict[frozenset[str], Fit] = field(default_factory=dict)
+    films: set[frozenset[str]] = field(default_factory=set)
 
     @property
     def known(self) -> dict[str, Effect]:
@@ -220,23 +221,19 @@ class Search:
         """The best set and form of film, from a fit on."""
         self.keep(fit)
         self.say(f"set: {named(fit)}")
-        anew = other_film = False
+        anew = tried = other_film = False
         while len(fit.effects) < MOST_EFFECTS + len(self.assumed) and not self.over():
             fit = self.finer(fit)
-            found = self.add(fit)
-            better = None
-            if found is not None and self.gain(found, fit) > self.cost_of(found, found.effects[-1:]):
-                better = self.keep(remembered(found) if "output" in left_over(found) else found)
-                better = self.likelier_module(better) if found.effects[-1].before_film else better
-                better = self.pruned(better)
-                if better.effects == fit.effects and better.log_likelihood <= fit.log_likelihood + WORTH:
-                    better = None  # what was added went again
+            better = self.larger(fit)
             if isinstance(fit.joint.film, PIFilm) and "output" in left_over(fit):
                 if better is None and not anew:
                     again, anew = restarted(fit), True
                     better = self.keep(again) if again.log_likelihood > fit.log_likelihood + WORTH else None
-                another = self.of_film(self.of_another_kind(fit), better or fit)
-                better, other_film = another or better, other_film or another is not None
+                # a film is asked what it is once its temperature is understood
+                thermal = better is not None and any(e.before_film for e in better.effects if e not in fit.effects)
+                if better is None or not (tried or thermal):
+                    another, tried = self.of_film(self.of_another_kind(fit), better or fit), True
+                    better, other_film = another or better, other_film or another is not None
             elif better is None and other_film:  # what is known now may be what the other film did
                 better, other_film = self.of_film(with_pi_film(fit), fit), False
             if better is None:
@@ -244,6 +241,16 @@ class Search:
             fit = better
             self.say(f"set: {named(fit)}")
         return self.exchanged(fit)
+
+    def larger(self, fit: Fit) -> Fit | None:
+        """The fit with one effect more, and without those that are then not worth their price; None if none is."""
+        found = self.add(fit)
+        if found is None or self.gain(found, fit) <= self.cost_of(found, found.effects[-1:]):
+            return None
+        better = self.keep(remembered(found) if "output" in left_over(found) else found)
+        better = self.pruned(self.likelier_module(better) if found.effects[-1].before_film else better)
+        went_again = better.effects == fit.effects and better.log_likelihood <= fit.log_likelihood + WORTH
+        return None if went_again else better
 
     def finer(self, fit: Fit) -> Fit:
         """The fit with the radii of a PI film closer to each other, where something is left and that is likelier."""
@@ -253,24 +260,29 @@ class Search:
         joint = fit.joint.having(fit.effects, film.finer())
         return self.of_film(joint.fit(fit.at.x, fit.metric, fit.at.known_own, most=fit.most), fit) or fit
 
-    def of_another_kind(self, fit: Fit) -> Fit:
+    def of_another_kind(self, fit: Fit) -> Fit | None:
         """The likeliest fit with a Preisach film, smooth or in domains, with all effects or without those that may
-        stand in for the film."""
+        stand in for the film; None where these were tried before."""
         sets = [fit.effects, tuple(e for e in fit.effects if e.before_film or e.name in self.assumed)]
-        fits = []
+        fits: list[Fit] = []
         for some in dict.fromkeys(sets):
+            if (names := frozenset(e.name for e in some)) in self.films:
+                continue
+            self.films.add(names)
             fits.append(smooth := with_preisach_film(fit, some))
-            for parts in PARTS:  # finer for few domains of large steps
+            for parts in PARTS:
                 if "output" in left_over(fits[-1]):
                     fits.append(in_domains(smooth, parts))
+                    if self.worth_of_film(fits[-1]) <= self.worth_of_film(fits[-2]):
+                        break
         for other in fits:
             self.say(f"tried a Preisach film with: {named(other)}")
-        return max(fits, key=self.worth_of_film)
+        return max(fits, key=self.worth_of_film, default=None)
 
-    def of_film(self, other: Fit, fit: Fit) -> Fit | None:
+    def of_film(self, other: Fit | None, fit: Fit) -> Fit | None:
         """The fit with another form of film, if that has more evidence; what was known with the one before is
         forgotten then."""
-        if self.worth_of_film(other) <= self.worth_of_film(fit):
+        if other is None or self.worth_of_film(other) <= self.worth_of_film(fit):
             return None
         self.table.clear()
         return self.pruned(self.keep(other))

@@ -1,68 +1,63 @@
-"""A film's memory where a record does not show it: at the first row, and after gaps in which it may have turned round.
+"""A film's memory where a record does not show it: before the first row, and through gaps in which it may have turned.
 
-At the first row a film was saturated at one end, and turned round at most once since. In a gap the temperature may have
-gone beyond both of the gap's ends and come back; of such a course only the last turning point and one on the other side
-before it count for most of what follows; far enough out they are saturation. Another memory than the one at hand has to
-bring a gain of log-likelihood, for each of its temperatures.
+What a film went through counts only by its turning points, and of them only by those that no later one has gone beyond
+(E. Madelung, Ann. Phys. 17 (1905) 861). They are found one at a time, outwards or inwards of those at hand, all moved
+together; each has to bring a gain of log-likelihood. Far enough out they are saturation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
 from typing import Final
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
 
 from compensator.hysteresis.functions import Array
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, longest_gaps
 from sim.model.recorded import Recorded
 
-SEVERAL: Final = 12  # turning points before the first row that are tried, on either side
-MARGIN: Final = 0.25  # of the range of temperatures: so far beyond them may a film have turned round
+MOST_TURNS: Final = 4  # in one place: the innermost ones of more are soon gone beyond
+TRIED: Final = 12  # temperatures on either side
+NEAREST_K: Final = 0.1  # of them, beyond where the film is: less is within a thermometer's error
+BEYOND: Final = 0.25  # of the range of temperatures: so far out of it may a film have turned round
 PASSES: Final = 2  # over the gaps: the turning points in one change the memory after the next
-TRIED: Final = 8  # temperatures on either side of a gap's ends
-NEAREST_K: Final = 0.1  # of them, beyond the ends: less is within a thermometer's error
 CLOSE_K: Final = 0.01  # to which a temperature is looked for
-Cost = Callable[[FilmStart], float]
+SHARE: Final = 0.3  # of a turning point's distance, by which it is moved first: half of the way to the next one tried
+FLAT: Final = 1e-3  # of a log-likelihood
+STEPS_EACH: Final = 40  # evaluations for each of several turning points
+Turns = tuple[float, ...]
 Gap = tuple[float, Array]  # the time (s) of the row after it, the temperatures (degC) of the rows at its ends
 
 
-def beginnings(first_degC: float, seen_degC: Array, start: FilmStart) -> list[FilmStart]:
-    """Return the memories that a film may have at the first row, with the gaps' of `start`. seen_degC: all temperatures
-    of the record."""
-    low, high = float(np.min(seen_degC)), float(np.max(seen_degC))
-    margin = MARGIN * (high - low)
-    heated = replace(start, initial="heated", previous_degC=None)
-    cooled = replace(heated, initial="cooled")
-    below = np.linspace(low - margin, first_degC, SEVERAL + 1)[:-1].tolist()
-    above = np.linspace(first_degC, high + margin, SEVERAL + 1)[1:].tolist()
-    return [
-        heated,
-        cooled,
-        *(replace(cooled, previous_degC=t) for t in below),
-        *(replace(heated, previous_degC=t) for t in above),
-    ]
+def begun(
+    known: FilmStart, first_degC: float, seen_degC: Array, cost: Callable[[FilmStart], float], worth: float
+) -> FilmStart:
+    """Return the likeliest memory at the first row, the known one if no other brings what it has to. cost: minus the
+    log-likelihood; seen_degC: all temperatures of the record; worth: what each turning point has to bring."""
+
+    def value(start: FilmStart) -> float:
+        return cost(start) + worth * len(start.turned_degC)
+
+    found = []
+    for initial in ("heated", "cooled"):
+        start = replace(known, initial=initial, turned_degC=())
+        of = _of_turns(start, cost)
+        turns = turning_points(of, np.array([first_degC]), seen_degC, worth)
+        found.append(replace(start, turned_degC=turns))
+    best = min(found, key=value)
+    return best if value(best) + worth < value(known) else known
 
 
-def likeliest(starts: Iterable[FilmStart], known: FilmStart, cost: Cost, worth: float) -> FilmStart:
-    """Return the memory of the least cost (minus log-likelihood), the known one if none brings what it has to."""
-    costs = {start: cost(start) for start in starts}
-    best = min(costs, key=costs.__getitem__)
-    return best if costs[best] + worth < cost(known) else known
+def closer(known: FilmStart, cost: Callable[[FilmStart], float]) -> FilmStart:
+    """Return the memory with its turning points before the first row at their best."""
+    return replace(known, turned_degC=_closer(known.turned_degC, _of_turns(known, cost)))
 
 
-def closer(start: FilmStart, first_degC: float, step_K: float, cost: Cost) -> FilmStart:
-    """Return the memory with the turning point before the first row at its best, within a step of where it is."""
-    at = start.previous_degC
-    if at is None:
-        return start
-    cooled = start.initial == "cooled"
-    bounds = (at - step_K, min(at + step_K, first_degC)) if cooled else (max(at - step_K, first_degC), at + step_K)
-    return replace(start, previous_degC=_least(lambda t: cost(replace(start, previous_degC=t)), bounds))
+def _of_turns(start: FilmStart, cost: Callable[[FilmStart], float]) -> Callable[[Turns], float]:
+    return lambda turns: cost(replace(start, turned_degC=turns))
 
 
 def gaps_of(record: Recorded, path: PlatePath) -> list[Gap]:
@@ -71,65 +66,74 @@ def gaps_of(record: Recorded, path: PlatePath) -> list[Gap]:
     return [(float(time[row]), path.at(time[[row - 1, row]])) for row in longest_gaps(record)]
 
 
-def through_gaps(start: FilmStart, gaps: Sequence[Gap], seen_degC: Array, cost: Cost, worth: float) -> FilmStart:
+def through_gaps(
+    start: FilmStart, gaps: Sequence[Gap], seen_degC: Array, cost: Callable[[FilmStart], float], worth: float
+) -> FilmStart:
     """Return the memory with what the film went through in each gap, straight from one end to the other where nothing
-    is clearly better. seen_degC: all temperatures of the record; worth: log-likelihood that each temperature brings."""
+    is clearly better. cost, seen_degC, worth: as in `begun`."""
     for _ in range(PASSES if gaps else 0):
         before = start
-        for gap in gaps:
-            start = _through(start, gap, seen_degC, cost, worth)
+        for end_s, ends in gaps:
+
+            def of(turns: Turns, start: FilmStart = start, end_s: float = end_s) -> float:
+                return cost(start.turning(end_s, turns))
+
+            known = dict(start.passed_degC).get(end_s, ())
+            turns = turning_points(of, ends, seen_degC, worth)
+            if known and of(known) + worth * len(known) < of(turns) + worth * len(turns):
+                turns = known
+            start = start.turning(end_s, turns)
         if start == before:
             break
     return start
 
 
-def _through(start: FilmStart, gap: Gap, seen_degC: Array, cost: Cost, worth: float) -> FilmStart:
-    end_s, ends = gap
-    lower, higher = _beyond_ends(ends, seen_degC)
-    best = start.turning(end_s, ())
+def turning_points(cost: Callable[[Turns], float], ends_degC: Array, seen_degC: Array, worth: float) -> Turns:
+    """Return where a film turned round where nobody looked, (). ends_degC: where it was next to that; cost, seen_degC,
+    worth: as in `begun`."""
+    below, above = float(np.min(ends_degC)), float(np.max(ends_degC))
+    low, high = float(np.min(seen_degC)), float(np.max(seen_degC))
+    margin = BEYOND * (high - low)
+    lower = below - np.geomspace(NEAREST_K, max(below - low + margin, 2.0 * NEAREST_K), TRIED)
+    higher = above + np.geomspace(NEAREST_K, max(high - above + margin, 2.0 * NEAREST_K), TRIED)
+    either = [*lower.tolist(), *higher.tolist()]
+    best: Turns = ()
     least = cost(best)
-    known = dict(start.passed_degC).get(end_s, ())
-    for tried in ([(degC,) for degC in (*lower, *higher)], _there_and_back(lower, higher)):
-        again = [known] if len(known) == len(tried[0]) else []
-        costs = {two: cost(start.turning(end_s, two)) for two in [*tried, *again]}
-        passed = min(costs, key=costs.__getitem__)
-        if costs[passed] >= least:
-            continue
-        for place in reversed(range(len(passed))):
-            side = [float(np.min(ends)), *lower] if passed[place] < np.min(ends) else [float(np.max(ends)), *higher]
-            near = sorted(side, key=lambda degC, at=passed[place]: abs(degC - at))[1:3]  # type: ignore[misc]
-
-            def moved(degC: float, place: int = place, passed: tuple[float, ...] = passed) -> FilmStart:
-                return start.turning(end_s, (*passed[:place], degC, *passed[place + 1 :]))
-
-            bounds = min(*near, passed[place]), max(*near, passed[place])
-            at = _least(lambda t, moved=moved: cost(moved(t)), bounds)  # type: ignore[misc]
-            if cost(moved(at)) < cost(moved(passed[place])):
-                passed = (*passed[:place], at, *passed[place + 1 :])
-        other = start.turning(end_s, passed)
-        value, more = cost(other), len(passed) - len(dict(best.passed_degC).get(end_s, ()))
-        if value + worth * more < least:
-            best, least = other, value
+    while len(best) < MOST_TURNS:
+        longer = [(*best, degC) for degC in either]
+        if best:
+            longer += [(degC, *best) for degC in either]
+        costs = [cost(turns) for turns in longer]
+        place = int(np.argmin(costs))
+        if costs[place] >= least:
+            break
+        turns = _closer(longer[place], cost, (below, above))
+        if cost(turns) + worth > least:
+            break
+        best, least = turns, cost(turns)
     return best
 
 
-def _beyond_ends(ends_degC: Array, seen_degC: Array) -> tuple[list[float], list[float]]:
-    """Return where a film may have turned round in a gap, below and above the temperatures at its ends, the nearest
-    first. seen_degC: all temperatures of the record."""
-    below, above = float(np.min(ends_degC)), float(np.max(ends_degC))
-    low, high = float(np.min(seen_degC)), float(np.max(seen_degC))
-    beyond = MARGIN * (high - low)
-    lower = below - np.geomspace(NEAREST_K, max(below - low + beyond, 2.0 * NEAREST_K), TRIED)
-    higher = above + np.geomspace(NEAREST_K, max(high - above + beyond, 2.0 * NEAREST_K), TRIED)
-    return lower.tolist(), higher.tolist()
+def _closer(turns: Turns, cost: Callable[[Turns], float], ends_degC: tuple[float, float] | None = None) -> Turns:
+    """Return turning points nearby at which the cost is least. ends_degC: between which none lies."""
+    if not turns:
+        return turns
+    here = np.array(turns)
+    below, above = ends_degC or (float(np.min(here)) + 1.0, float(np.max(here)) - 1.0)
+    steps = SHARE * np.maximum(np.maximum(below - here, here - above), NEAREST_K) * np.where(here < below, -1.0, 1.0)
 
+    def at(degC: Array) -> float:
+        return cost(tuple(degC.tolist()))
 
-def _there_and_back(lower: list[float], higher: list[float]) -> list[tuple[float, float]]:
-    """Return pairs of temperatures on both sides of a gap, every other one of `_beyond_ends`, in either order."""
-    return [*product(lower[::2], higher[::2]), *product(higher[::2], lower[::2])]
-
-
-def _least(cost: Callable[[float], float], bounds: tuple[float, float]) -> float:
-    """Return where a function of a temperature is least between bounds, degC."""
-    found = minimize_scalar(lambda t: cost(float(t)), bounds=bounds, method="bounded", options={"xatol": CLOSE_K})
-    return float(found.x)
+    found = minimize(
+        at,
+        here,
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": np.vstack((here, here + np.diag(steps))),
+            "xatol": CLOSE_K,
+            "fatol": FLAT,
+            "maxfev": STEPS_EACH * here.size,
+        },
+    )
+    return tuple(found.x.tolist()) if found.fun < cost(turns) else turns

@@ -21,7 +21,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import HeatFlow
 from sim.inference.levenberg_marquardt import Damping, least_squares
-from sim.inference.memory import beginnings, gaps_of, likeliest, through_gaps
+from sim.inference.memory import begun, gaps_of, through_gaps
 from sim.inference.noise import Readings
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath, PlateRun
@@ -174,7 +174,7 @@ def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: Pl
         return 0.5 * float(np.sum(residual(replace(own, film=film)) ** 2))
 
     first_degC = float(path.at(record.time_s[:1])[0])
-    start = likeliest(beginnings(first_degC, path.plate_degC, own.film), own.film, cost, WORTH)
+    start = begun(own.film, first_degC, path.plate_degC, cost, WORTH)
     own = replace(own, film=through_gaps(start, gaps_of(record, path), path.plate_degC, cost, WORTH))
     names = [e.name for e in (*chain.links.film_lags, *chain.links.hysteretic_part, *chain.links.meter_lags)]
     if not names:

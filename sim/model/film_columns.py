@@ -46,13 +46,13 @@ def play_columns(nodes: FilmNodes, half_width_K: Array) -> Array:
 
 
 def film_path(nodes: FilmNodes) -> tuple[Array, NDArray[np.int8]]:
-    """Return the film's temperatures and the one before, where it is known, and the directions of the steps."""
-    inputs, side = nodes.film_degC, nodes.side
-    if nodes.previous_degC is None:
+    """Return the film's temperatures after the turning points before the first row, and the directions of the steps."""
+    inputs, side, before = nodes.film_degC, nodes.side, len(nodes.turned_degC)
+    if not before:
         return inputs, side
-    inputs = np.concatenate(([nodes.previous_degC], inputs))
-    turn = np.int8(np.sign(inputs[1] - inputs[0]))
-    return inputs, np.concatenate((side[:1], [turn], side[1:])).astype(np.int8)
+    inputs = np.concatenate((nodes.turned_degC, inputs))
+    turns = np.sign(np.diff(inputs[: before + 1]))
+    return inputs, np.concatenate((side[:1], turns, side[1:])).astype(np.int8)
 
 
 @dataclass(frozen=True, eq=False)

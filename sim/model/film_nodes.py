@@ -30,7 +30,7 @@ class FilmNodes:
     film_degC: Array
     side: NDArray[np.int8]
     taken: NDArray[np.int64]
-    previous_degC: float | None
+    turned_degC: tuple[float, ...]
     points: NDArray[np.int64]
     rows: NDArray[np.int64]
 
@@ -80,12 +80,12 @@ def film_nodes(
     side[0] = -2 if start.initial == "cooled" else 2
     side[1:] = np.sign(np.diff(temperature))
     if links.hysteretic_part or links.meter_lags:
-        return FilmNodes(time, temperature, side, place, start.previous_degC, np.arange(time.size), place)
+        return FilmNodes(time, temperature, side, place, start.turned_degC, np.arange(time.size), place)
     if np.all(place[1:] >= place[:-1]):
         points, rows = place, np.arange(place.size)
     else:
         points, rows = np.unique(place, return_inverse=True)
-    return FilmNodes(time, temperature, side, place, start.previous_degC, points, rows)
+    return FilmNodes(time, temperature, side, place, start.turned_degC, points, rows)
 
 
 def plate_at_film_nodes(
@@ -105,9 +105,9 @@ def plate_at_film_nodes(
     begin, end = record.time_s[gaps - 1], record.time_s[gaps]
     turns = turns[_gap_of(turns, begin, end) < 0]  # what a simulation does there is made up
     after, passed_degC = start.turned_in_gaps(record.time_s)
-    last = np.append(after[1:] != after[:-1], True)[: after.size]  # of its gap
-    third = (record.time_s[after] - record.time_s[after - 1]) / 3.0
-    within = record.time_s[after - 1] + np.where(last, 2.0, 1.0) * third
+    number = 1 + np.arange(after.size) - np.searchsorted(after, after)  # of its gap, evenly apart in time
+    share = number / (1 + np.searchsorted(after, after, side="right") - np.searchsorted(after, after))
+    within = record.time_s[after - 1] + share * (record.time_s[after] - record.time_s[after - 1])
     turns = np.concatenate((turns, within))
     if spacing.film_parts == 1:
         turns = np.concatenate((turns, path.time_s))

@@ -24,12 +24,14 @@ MOST_ANEW = 10  # long gaps after which what has a temperature of its own begins
 
 @dataclass(frozen=True)
 class FilmStart:
-    """A film's memory at the first row: saturation at one end ("cooled": the hot one), and the turning point since, if
-    any. passed_degC: of each gap in which the film turned round, the time (s) of the row after it, and one or two
-    temperatures at which it did, one after the other."""
+    """A film's memory at the first row: saturation at one end ("cooled": the hot one), and the turning points since.
+
+    turned_degC: these, in sequence. passed_degC: of each gap in which the film turned round, the time (s) of the row
+    after it, and the temperatures at which it did, in sequence.
+    """
 
     initial: Initial = "heated"
-    previous_degC: float | None = None
+    turned_degC: tuple[float, ...] = ()
     passed_degC: tuple[tuple[float, tuple[float, ...]], ...] = ()
 
     def turned_in_gaps(self, time_s: Array) -> tuple[Rows, Array]:
@@ -47,8 +49,11 @@ class FilmStart:
 
     def memory(self, film: Film) -> Any:
         """Return the memory of a film, before it comes to its first temperature."""
-        before = self.previous_degC if self.previous_degC is not None else SATURATED_DEGC[self.initial]
-        return film.initial_memory(before, self.initial)
+        first, *rest = self.turned_degC or (SATURATED_DEGC[self.initial],)
+        memory = film.initial_memory(first, self.initial)
+        for degC in rest:
+            memory = film.step(degC, memory)[1]
+        return memory
 
 
 @dataclass(frozen=True, eq=False)

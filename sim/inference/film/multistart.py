@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
+from sim.inference import memory
 from sim.inference.evidence import price
 from sim.inference.film.memoryless_forms import SMOOTH, Form
 from sim.inference.film.rows import Path, Prepared, build_path
 from sim.inference.film.variable_projection import Problem, Solution, Structure
-from sim.inference.memory import SEVERAL, Cost, beginnings, closer, likeliest, through_gaps
 from sim.model.operator_outputs import GROUP
 from sim.model.record_own import FilmStart
 
@@ -178,7 +178,7 @@ def remembered(
     starts: Sequence[FilmStart],
     fit: Problem,
     theta: Array,
-    likely: Callable[[FilmStart, Prepared, Cost, float], FilmStart],
+    likely: Callable[[FilmStart, Prepared, Callable[[FilmStart], float], float], FilmStart],
 ) -> list[FilmStart]:
     """Return the memories that are likely at theta, record by record. likely: the memory of a record, from the one that
     is known, its cost, and what another has to bring."""
@@ -194,20 +194,20 @@ def remembered(
     return best
 
 
-def begun(known: FilmStart, record: Prepared, cost: Cost, worth: float) -> FilmStart:
+def begun(known: FilmStart, record: Prepared, cost: Callable[[FilmStart], float], worth: float) -> FilmStart:
     """Return the likeliest memory at the first row."""
-    return likeliest(beginnings(float(record.inputs[0]), record.inputs, known), known, cost, worth)
+    return memory.begun(known, float(record.inputs[0]), record.inputs, cost, worth)
 
 
-def begun_closer(known: FilmStart, record: Prepared, cost: Cost, worth: float) -> FilmStart:
-    """Return the memory with its turning point before the first row at its best."""
-    return closer(known, float(record.inputs[0]), 1.25 * float(np.ptp(record.inputs)) / SEVERAL, cost)
+def begun_closer(known: FilmStart, record: Prepared, cost: Callable[[FilmStart], float], worth: float) -> FilmStart:
+    """Return the memory with its turning points before the first row at their best."""
+    return memory.closer(known, cost)
 
 
-def through_unseen(known: FilmStart, record: Prepared, cost: Cost, worth: float) -> FilmStart:
+def through_unseen(known: FilmStart, record: Prepared, cost: Callable[[FilmStart], float], worth: float) -> FilmStart:
     """Return the memory with what the film went through in the record's gaps."""
     gaps = [(float(record.time_s[row]), record.inputs[row - 1 : row + 1]) for row in record.longest_unseen]
-    return through_gaps(known, gaps, record.inputs, cost, worth)
+    return memory.through_gaps(known, gaps, record.inputs, cost, worth)
 
 
 def mean_square(

@@ -207,7 +207,8 @@ class FilmFit:
 
 def memory_at_start(model: FilmModel, start: FilmStart, first_degC: float) -> Memory:
     """Return the film's memory at a record's first row (degC)."""
-    if start.previous_degC is None:
-        return model.initial_memory(first_degC, start.initial)
-    memory = model.initial_memory(start.previous_degC, start.initial)
-    return model.step(first_degC, memory)[1]
+    first, *rest = (*start.turned_degC, first_degC)
+    memory = model.initial_memory(first, start.initial)
+    for degC in rest:
+        memory = model.step(degC, memory)[1]
+    return memory

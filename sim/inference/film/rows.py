@@ -193,9 +193,7 @@ def build_path(
         v = np.insert(record.inputs[index], places, passed_degC)
         position = np.flatnonzero(keep[index])
         position = position + np.searchsorted(places, position, side="right")
-        if start.previous_degC is not None:
-            v = np.concatenate(([start.previous_degC], v))
-            position = position + 1
+        v, position = np.concatenate((start.turned_degC, v)), position + len(start.turned_degC)
         side = np.empty(v.size, dtype=np.int8)
         side[0] = -2 if start.initial == "cooled" else 2
         side[1:] = np.sign(np.diff(v))

@@ -18,7 +18,7 @@ from sim.inference.film.rows import Path
 from sim.inference.joint.channel_noise import ChannelNoise, Metric, rough_noise
 from sim.inference.joint.films import PIFilm, PreisachFilm, curve_over
 from sim.inference.joint.likelihood import Fit, Joint, Point, TwoChannels
-from sim.inference.memory import beginnings, gaps_of, through_gaps
+from sim.inference.memory import begun, gaps_of, through_gaps
 from sim.inference.noise import Noise, discrepancy
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH
 from sim.inference.plate.starts import Stretch, rough_balances
@@ -208,24 +208,22 @@ def base_fit(record: TwoChannels, kinds: Sequence[Kind] = ("peltier",)) -> Fit:
 
 
 def remembering(joint: Joint, at: Point, metric: Metric) -> tuple[Joint, Point]:
-    """The likelihood and point with the film's memory at the first row that suits best, of those that a film has which
-    was saturated and turned round at most once; the same if none is clearly better."""
+    """The likelihood and point with the film's memory at the first row that suits best, the same if none is
+    clearly better."""
     film, record = joint.film, joint.record
     assert film is not None
 
-    def begun(start: FilmStart) -> tuple[Joint, Point]:
+    def begun_with(start: FilmStart) -> tuple[Joint, Point]:
         other = joint.having(joint.effects, film.starting_with(start))
         return other, other.solve(at.x, metric, at.own)
 
-    best, least = (joint, at), joint.solve(at.x, metric, at.own).cost - WORTH
-    path = at.run.path
-    for start in beginnings(float(path.at(np.zeros(1))[0]), path.plate_degC, film.start):
-        found = begun(start)
-        if found[1].cost < least:
-            best, least = found, found[1].cost
-    start = best[0].film.start if best[0].film else film.start
-    passed = through_gaps(start, gaps_of(record, path), path.plate_degC, lambda other: begun(other)[1].cost, WORTH)
-    return best if passed == start else begun(passed)
+    def cost(start: FilmStart) -> float:
+        return begun_with(start)[1].cost
+
+    seen_degC = at.run.path.plate_degC
+    start = begun(film.start, float(at.run.path.at(np.zeros(1))[0]), seen_degC, cost, WORTH)
+    start = through_gaps(start, gaps_of(record, at.run.path), seen_degC, cost, WORTH)
+    return (joint, at) if start == film.start else begun_with(start)
 
 
 def remembered(fit: Fit) -> Fit:

@@ -188,11 +188,11 @@ def test_the_memory_before_the_first_row_is_fitted(initial: str, previous: float
     v = v[before.size :]
     fit = identify_film(0.5 * np.arange(v.size), v, y)
     assert fit.starts[0].initial == initial
-    assert fit.starts[0].previous_degC == pytest.approx(previous, abs=0.5)
+    assert fit.starts[0].turned_degC == pytest.approx((previous,), abs=0.5)
     assert fit.rmse < 1.03 * NOISE
     told = identify_film(0.5 * np.arange(v.size), v, y, initial="cooled" if initial == "heated" else "heated")
     assert told.rmse > 1.1 * NOISE
-    assert told.starts[0].previous_degC is None
+    assert told.starts[0].turned_degC == ()
 
 
 def test_several_records_share_one_film_but_no_memory() -> None:
