@@ -146,6 +146,7 @@ def _film_model(fit: Fit) -> FilmModel:
     memoryless = film.curve.form.memoryless(c[1 : film.free], film.curve.shape, float(c[0]))
     weights = c[film.free :]
     kept = weights > NEGLIGIBLE * float(np.sum(weights))
+    kept[0] |= not np.any(kept)  # a film without any hysteresis
     initial = film.start.initial
     if isinstance(film, PIFilm):
         values = fit.at.x[fit.joint.is_film]

@@ -18,6 +18,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr
 
 from compensator.hysteresis.functions import Array
+from sim.inference.evidence import price
 from sim.inference.joint.domains import Domains
 from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, estimate_repeated, variances
 
@@ -26,6 +27,9 @@ FLICKER: Final = 3.0  # white noises: 1/f noise over an hour's record is no larg
 LONG_REST: Final = 5.0  # correlation times within which nothing moves at rest, and a mean is taken off
 ENOUGH_REST: Final = 10.0  # the same in all: a variance is then known to a half
 ALIKE: Final = 0.5  # of the mean square in motion: at rest it is as large, but for chance
+LEVELS: Final = 8  # of what is shown, between which the size of the white noise may change
+A_LEVEL: Final = 100  # readings: a variance is then known to a fifth
+MEDIANS: Final = 0.37  # of the information on a variance is in the median of absolute deviations (Huber, ch. 5)
 LOG_SHARE: Final = (-4.0, 1.0)  # bounds of ln(noise / step): below a fiftieth of a step no noise is seen
 MAD: Final = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 LEAST_KNOWN: Final = 1e-6  # of a reading's information: it is divided by
@@ -135,29 +139,54 @@ def noise_before_rounding(residual: Array, step: float) -> float:
 
 
 def estimated_noise(
-    residual: Array, readings: Readings, error: Array, least: float, most: float, start: ChannelNoise | None = None
+    residual: Array,
+    readings: Readings,
+    error: Array,
+    least: float,
+    most: float,
+    start: ChannelNoise | None = None,
+    shown: Array | None = None,
 ) -> ChannelNoise:
     """Noise of a residual with readings far out weighing less. error: what each reading is off by besides; start: a
-    noise to begin with, and the discrepancy that comes again."""
-    far, domains = np.ones(residual.size), start.domains if start else None
+    noise to begin with, and the discrepancy that comes again; shown: by what the white noise's size may differ."""
+    far, level, domains = np.ones(residual.size), np.ones(residual.size), start.domains if start else None
     noise = Noise(max(float(np.sqrt(np.mean(residual**2))), least))
     if start is not None and (domains is not None or start.noise.slow > 0.0):
         noise = start.noise
     for _ in range(3):
         more, before = (error / noise.white) ** 2, noise
-        readings, left = replace(readings, variance=far + more), residual
+        readings, left = replace(readings, variance=level * far + more), residual
         if domains is None:
             noise, known = estimate(residual, readings, least, most, near=noise), readings
         else:
             noise, mean = estimate_repeated(residual, readings, domains, noise, least, most)
             left = residual - mean
             more = more + noise.step / noise.white**2 * domains.rest
-            known = replace(readings, variance=far + more)
-        again = np.maximum(variances(left, noise, known) / (1.0 + more), 1.0)
+            known = replace(readings, variance=level * far + more)
+        if shown is not None:
+            level = relative_variance(left - discrepancy(left, noise, known)[0], shown)
+        again = np.maximum(variances(left, noise, known) / (np.sqrt(level) + more), 1.0)
         settled, far = np.allclose(again, far, rtol=0.1), again
-        if settled and not np.any(error) and math.isclose(noise.step, before.step, rel_tol=0.1):
+        if settled and shown is None and not np.any(error) and math.isclose(noise.step, before.step, rel_tol=0.1):
             break
     return ChannelNoise(noise, readings, domains=domains)
+
+
+def relative_variance(residual: Array, shown: Array) -> Array:
+    """Variance of each reading's white noise over the mean one, by what is shown: an ohmmeter's noise goes with range
+    and resistance. 1 where readings of all sizes are equally noisy, (readings,)."""
+    groups = np.array_split(np.argsort(shown, kind="stable"), min(LEVELS, residual.size // A_LEVEL))
+    if len(groups) < 2:
+        return np.ones(residual.size)
+    own = np.array([max(float(np.median(np.abs(residual[g]))) * MAD, 1e-300) ** 2 for g in groups])
+    mean = float(np.exp(np.mean(np.log(own))))
+    # of a normal distribution, as if its variance were known as well from the median as from all readings
+    gain = 0.5 * float(sum(g.size * (v / mean - 1.0 - math.log(v / mean)) for g, v in zip(groups, own, strict=True)))
+    if gain * MEDIANS <= price(len(groups), residual.size):
+        return np.ones(residual.size)
+    middles = np.array([float(np.median(shown[g])) for g in groups])
+    found = np.exp(np.interp(shown, middles, np.log(own)))
+    return np.asarray(found / np.mean(found))
 
 
 def noise_of_instrument(residual: Array, channel: ChannelNoise, shown: Array) -> ChannelNoise:

@@ -669,9 +669,10 @@ class Joint:
         start = before.output
         if start.domains is not None:
             start = self.in_domains(at, start, start.domains.relays, start.domains.parts)
-        output = estimated_noise(at.residual_dec, start.readings, error, LEAST_NOISE_DEC, most[1], start)
+        shown = at.shown_dec[self.rows_dec]
+        output = estimated_noise(at.residual_dec, start.readings, error, LEAST_NOISE_DEC, most[1], start, shown)
         if output.domains is None:
-            output = noise_of_instrument(at.residual_dec, output, at.shown_dec[self.rows_dec])
+            output = noise_of_instrument(at.residual_dec, output, shown)
         return before.of(temperature, output)
 
     def in_domains(self, at: Point, output: ChannelNoise, relays: Relays, parts: tuple[int, int]) -> ChannelNoise:
