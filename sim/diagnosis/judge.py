@@ -14,7 +14,7 @@ from sim.diagnosis.intervals import covariance, intervals, is_vague
 from sim.diagnosis.next_experiment import next_experiments
 from sim.diagnosis.plate_numbers import plate_numbers
 from sim.diagnosis.result import Candidate, Caution, Channel, Diagnosis, Finding, Sizes, verdict_of
-from sim.diagnosis.search import Search, explains_most, left_over
+from sim.diagnosis.search import Search, left_over, outweighs
 from sim.diagnosis.selection import Selected
 from sim.diagnosis.upper_limits import upper_limits
 from sim.diagnosis.warnings import warnings_of
@@ -157,14 +157,10 @@ class _Units:
 
 
 def _without_refused(search: Search, fit: Fit) -> tuple[Fit, dict[str, str]]:
-    """Return the fit without effects that explain less than what is left over, and why they are not named."""
+    """Return the fit without effects that do less than what is left over, and why they are not named."""
     refused: dict[str, str] = {}
     while left_over(fit):
-        weak = [
-            e.name
-            for e in fit.effects
-            if e.name not in search.assumed and not explains_most(fit, search.without(fit, e.name))
-        ]
+        weak = [e.name for e in fit.effects if e.name not in search.assumed and not outweighs(fit, e.name)]
         if not weak:
             break
         name = min(weak, key=lambda n: search.gain(fit, search.without(fit, n)))

@@ -39,7 +39,6 @@ FAR_BEHIND: Final = 0.1  # share of the best score, below which a candidate wait
 BEHIND: Final = 0.5  # share of the best gain, below which a first fit is not finished
 PROMISING: Final = 0.2  # share of its price that a score must promise: far from its size it is 3 to 5 times short
 MOST_EFFECTS: Final = 5  # more cannot be told apart in one record
-MOST: Final = 0.75  # of the mean square beyond the noise, half of its size: what explains less is no cause of it
 PARTS: Final = ((50, 4), (100, 8))  # of the plane of a film in domains: as many as a few seconds can compute
 LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit's own discretization
 
@@ -253,12 +252,13 @@ class Search:
         return None if went_again else better
 
     def finer(self, fit: Fit) -> Fit:
-        """The fit with the radii of a PI film closer to each other, where something is left and that is likelier."""
+        """The fit with the radii of a PI film closer to each other, where something is left and that takes it away."""
         film = fit.joint.film
         if not isinstance(film, PIFilm) or "output" not in left_over(fit) or film.operators == film.finer().operators:
             return fit
         joint = fit.joint.having(fit.effects, film.finer())
-        return self.of_film(joint.fit(fit.at.x, fit.metric, fit.at.known_own, most=fit.most), fit) or fit
+        other = joint.fit(fit.at.x, fit.metric, fit.at.known_own, most=fit.most)
+        return fit if "output" in left_over(other) else self.of_film(other, fit) or fit
 
     def of_another_kind(self, fit: Fit) -> Fit | None:
         """The likeliest fit with a Preisach film, smooth or in domains, with all effects or without those that may
@@ -358,26 +358,19 @@ def _residuals(fit: Fit) -> tuple[Array, Array]:
     return first, fit.at.residual_dec
 
 
-def explains_most(fit: Fit, without: Fit) -> bool:
-    """Return True if an effect removes most of what its absence leaves beyond the noise, in one channel at least: of
-    its mean square, or of the strength of its unknown rates, where something slower is left."""
-    pairs = zip(_residuals(fit), _residuals(without), fit.metric.channels, without.metric.channels, strict=False)
-    for more, less, channel, other in pairs:
-        if not more.size or (channel is fit.metric.temperature and not fit.metric.simulated):
-            continue
-        white = channel.noise.white**2
-        excess, before = float(np.mean(more**2)) - white, float(np.mean(less**2)) - white
-        if before > LEFT_SHARE**2 * white and excess < (1.0 - MOST) * before:
-            return True
-        if other.noise.slow > LEFT_SHARE * other.noise.white and _rate(channel) < (1.0 - MOST) * _rate(other):
+def outweighs(fit: Fit, name: str) -> bool:
+    """Return True if an effect does more in one of the channels than what is left over there."""
+    joint = fit.joint
+    less = joint.having([e for e in fit.effects if e.name != name])
+    change = joint.change(fit.at, fit.metric, less.from_other(joint, fit.at.x), True, less)
+    left, split = left_over(fit), joint.rows_K.size
+    for part, channel in zip((change[:split], change[split:]), fit.metric.channels, strict=False):
+        unknown = (
+            channel.noise.slow if ("temperature" if channel is fit.metric.temperature else "output") in left else 0.0
+        )
+        if part.size and float(np.std(part)) > max(unknown, LEFT_SHARE * channel.noise.white):
             return True
     return False
-
-
-def _rate(channel: ChannelNoise) -> float:
-    """How strongly a discrepancy's rate is driven: the root of the density of the white noise behind its process, but
-    for a factor."""
-    return channel.noise.slow / math.sqrt(channel.noise.tau_s**3)
 
 
 def described(effect: Effect, fit: Fit) -> str:

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import minimize
 
+from compensator.hysteresis.film import Initial
 from compensator.hysteresis.functions import Array
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, longest_gaps
@@ -41,11 +42,11 @@ def begun(
     def value(start: FilmStart) -> float:
         return cost(start) + worth * len(start.turned_degC)
 
-    found = []
-    for initial in ("heated", "cooled"):
-        start = replace(known, initial=initial, turned_degC=())
-        of = _of_turns(start, cost)
-        turns = turning_points(of, np.array([first_degC]), seen_degC, worth)
+    other: Initial = "cooled" if known.initial == "heated" else "heated"
+    starts = [known] if known.turned_degC else [known, replace(known, initial=other)]
+    ends, found = np.array([first_degC]), [known]
+    for start in starts:
+        turns = turning_points(_of_turns(start, cost), ends, seen_degC, worth, start.turned_degC)
         found.append(replace(start, turned_degC=turns))
     best = min(found, key=value)
     return best if value(best) + worth < value(known) else known
@@ -79,25 +80,24 @@ def through_gaps(
                 return cost(start.turning(end_s, turns))
 
             known = dict(start.passed_degC).get(end_s, ())
-            turns = turning_points(of, ends, seen_degC, worth)
-            if known and of(known) + worth * len(known) < of(turns) + worth * len(turns):
-                turns = known
-            start = start.turning(end_s, turns)
+            start = start.turning(end_s, turning_points(of, ends, seen_degC, worth, known))
         if start == before:
             break
     return start
 
 
-def turning_points(cost: Callable[[Turns], float], ends_degC: Array, seen_degC: Array, worth: float) -> Turns:
-    """Return where a film turned round where nobody looked, (). ends_degC: where it was next to that; cost, seen_degC,
-    worth: as in `begun`."""
+def turning_points(
+    cost: Callable[[Turns], float], ends_degC: Array, seen_degC: Array, worth: float, known: Turns = ()
+) -> Turns:
+    """Return where a film turned round where nobody looked. ends_degC: where it was next to that; cost, seen_degC,
+    worth: as in `begun`; known: what was found before."""
     below, above = float(np.min(ends_degC)), float(np.max(ends_degC))
     low, high = float(np.min(seen_degC)), float(np.max(seen_degC))
     margin = BEYOND * (high - low)
     lower = below - np.geomspace(NEAREST_K, max(below - low + margin, 2.0 * NEAREST_K), TRIED)
     higher = above + np.geomspace(NEAREST_K, max(high - above + margin, 2.0 * NEAREST_K), TRIED)
     either = [*lower.tolist(), *higher.tolist()]
-    best: Turns = ()
+    best = _closer(known, cost, (below, above))
     least = cost(best)
     while len(best) < MOST_TURNS:
         longer = [(*best, degC) for degC in either]
