@@ -96,21 +96,22 @@ def turning_points(
     margin = BEYOND * (high - low)
     lower = below - np.geomspace(NEAREST_K, max(below - low + margin, 2.0 * NEAREST_K), TRIED)
     higher = above + np.geomspace(NEAREST_K, max(high - above + margin, 2.0 * NEAREST_K), TRIED)
-    either = [*lower.tolist(), *higher.tolist()]
-    best = _closer(known, cost, (below, above))
-    least = cost(best)
-    while len(best) < MOST_TURNS:
-        longer = [(*best, degC) for degC in either]
-        if best:
-            longer += [(degC, *best) for degC in either]
-        costs = [cost(turns) for turns in longer]
-        place = int(np.argmin(costs))
-        if costs[place] >= least:
+    either = [below, above, *lower.tolist(), *higher.tolist()]
+
+    def longer(turns: Turns) -> Turns:
+        """The same with one more, before or after all of them."""
+        tried = {(*turns, degC) for degC in either} | {(degC, *turns) for degC in either}
+        return _closer(min(sorted(tried), key=cost), cost, (below, above))
+
+    def value(turns: Turns) -> float:
+        return cost(turns) + worth * len(turns)
+
+    best = min((), longer(()), _closer(known, cost, (below, above)), key=value)
+    while 0 < len(best) < MOST_TURNS:
+        more = longer(best)
+        if value(more) >= value(best):
             break
-        turns = _closer(longer[place], cost, (below, above))
-        if cost(turns) + worth > least:
-            break
-        best, least = turns, cost(turns)
+        best = more
     return best
 
 

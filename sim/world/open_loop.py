@@ -115,7 +115,7 @@ def _with_test(rows: Commanded, meter_current_A: ArrayLike) -> Commanded:
 def _beginning(world: World, first_degC: float) -> RecordOwn:
     """Return the beginning of a record with all at rest."""
     initial = "heated" if world.film_initial == "heated" else "cooled"
-    film = FilmStart(initial, first_degC)  # type: ignore[arg-type]
+    film = FilmStart(initial, (first_degC,))  # type: ignore[arg-type]
     return RecordOwn(world.plate.ambient_degC, np.array([first_degC]), film=film)
 
 

@@ -117,7 +117,7 @@ class FitsFilm(PIFilm):
 def by_the_fit(effects: tuple[Switched, ...], time: Array, current: Array) -> tuple[Array, Array]:
     """Both channels of the fits' likelihood, with the true parameters."""
     curve, coefficients = the_fits_curve()
-    film = FitsFilm(curve, (62.0, 58.0), 0.2, (20.0, 110.0), FilmStart("cooled", FIRST_DEGC))
+    film = FitsFilm(curve, (62.0, 58.0), 0.2, (20.0, 110.0), FilmStart("cooled", (FIRST_DEGC,)))
     given = tuple(e for e in effects if not getattr(e.effect.form, "rounding", False))
     known = np.concatenate((coefficients, WEIGHTS))
     joint = Joint(_record(time, current), tuple(e.effect for e in given), film, "peltier", known)
@@ -188,7 +188,7 @@ def _record(time: Array, current: Array) -> Record:
 
 
 def _own() -> RecordOwn:
-    return RecordOwn(25.0, np.array([FIRST_DEGC]), film=FilmStart("cooled", FIRST_DEGC))
+    return RecordOwn(25.0, np.array([FIRST_DEGC]), film=FilmStart("cooled", (FIRST_DEGC,)))
 
 
 def _largest(difference: Array) -> float:

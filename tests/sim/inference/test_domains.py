@@ -17,7 +17,7 @@ def nodes_along(degC: Array) -> FilmNodes:
     """A record of these temperatures, one a second, of a film that comes from the cold."""
     rows = np.arange(degC.size)
     side = np.append(np.int8(2), np.sign(np.diff(degC))).astype(np.int8)
-    return FilmNodes(rows.astype(np.float64), degC, side, rows, None, rows, rows)
+    return FilmNodes(rows.astype(np.float64), degC, side, rows, (), rows, rows)
 
 
 def cycles() -> Array:

@@ -114,7 +114,7 @@ def test_where_the_film_went_stands_in_its_path_and_in_no_reading() -> None:
     time, v, y = with_an_excursion(None)
     record = prepare(FilmRecord(time, v, y, output_time_s=time + 0.1), noise_K=0.0)
     row = record.unseen[0]
-    start = FilmStart("cooled", None, ((float(record.time_s[row]), (20.0, 95.0)),))
+    start = FilmStart("cooled", (), ((float(record.time_s[row]), (20.0, 95.0)),))
     few = np.zeros(record.used.size, dtype=np.bool_)
     few[::17] = True
     for chosen in (None, [few]):
