@@ -101,7 +101,9 @@ def turning_points(
     def longer(turns: Turns) -> Turns:
         """The same with one more, before or after all of them."""
         tried = {(*turns, degC) for degC in either} | {(degC, *turns) for degC in either}
-        return _closer(min(sorted(tried), key=cost), cost, (below, above))
+        # those at hand were the best alone: with one at an end besides, they may lie elsewhere
+        starts = {min(sorted(tried), key=cost), *((*turns, degC) for degC in ends_degC.tolist() if turns)}
+        return min((_closer(start, cost, (below, above)) for start in sorted(starts)), key=cost)
 
     def value(turns: Turns) -> float:
         return cost(turns) + worth * len(turns)
