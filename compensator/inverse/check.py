@@ -149,9 +149,11 @@ def _not_monotone(model: FilmModel, inverse: Inverse, v: Array) -> list[Finding]
     down = np.flatnonzero(all_moving < -ROUNDING)
     loop = "; not on the major loop, where all operators move"
     if down.size:
-        loop = f"; on the major loop, too, between {v[down[0]]:.1f} and {v[down[-1]]:.1f} degC"
-    what = f"D falls by up to {-slope.min():.3g} a K: after a reversal the output moves against the temperature{loop}"
-    advice = "a target can have several temperatures or none: choose one of `Inverse.choice`, and narrow the limits"
+        loop = f", and on the major loop between {v[down[0]]:.1f} and {v[down[-1]]:.1f} degC"
+    what = (
+        f"D(T) falls by up to {-slope.min():.2g} per K: after a reversal the output moves against the temperature{loop}"
+    )
+    advice = "a target can have several temperatures, or none: choose one by `Inverse.choice`, or narrow the limits"
     return [Finding("not_monotone", what, where, (), advice)]
 
 

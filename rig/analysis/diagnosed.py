@@ -103,7 +103,7 @@ def diagnosed(
     diagnosis = _with_left_out(diagnosis, records)
     diagnosis = _of_full_drive(diagnosis, next((one.drive for one in records if one.drive is not None), None))
     if holdout:
-        say("held-out records")
+        say("computing errors on held-out records")
         diagnosis, extended = on_other_records(diagnosis, extended, holdout, asked.first_s)
     return diagnosis, extended
 

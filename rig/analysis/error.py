@@ -43,6 +43,12 @@ def residual_label(unit: str) -> str:
     return f"{RESIDUAL} / {unit}"
 
 
+def value_and_half(value: float, half: float) -> tuple[str, str]:
+    """Return a value and half of its interval, both to the second significant digit of the half."""
+    digits = max(0, 1 - math.floor(math.log10(half))) if half > 0.0 and math.isfinite(half) else 6
+    return f"{value:.{digits}f}", f"{half:.{digits}f}"
+
+
 COUNTED = "over the whole target, its first row to its last"
 TRACK, PROFILE = "track", "profile"  # the phases that follow a target
 

@@ -15,6 +15,7 @@ import numpy as np
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.inverse.check import Finding, check_model
+from rig.analysis.error import value_and_half
 from rig.analysis.film_records import fitted_to, rising, seen_degC
 from rig.analysis.transition import FilmNumbers, doubted, numbers_of_record
 from rig.config.model_file import Model
@@ -177,8 +178,9 @@ class Identified:
     def _film_lines(self, fit: FilmFit) -> Iterator[str]:
         unit = unit_of(self.output)
         yield (
-            f"{fit.model.kind}, operators with weight: {fit.active_operators}, D(T) {fit.model.memoryless.function}: "
-            f"RMSE {fit.rmse:.4g} {unit}, largest {fit.max_abs:.3g} {unit}, held-out {fit.held_out_rmse:.4g} {unit}"
+            f"{fit.model.kind}, {fit.active_operators} operators with weight, D(T) {fit.model.memoryless.function}: "
+            f"RMSE {fit.rmse:.3g} {unit}, largest error {fit.max_abs:.3g} {unit}, held-out RMSE "
+            f"{fit.held_out_rmse:.3g} {unit}"
         )
         yield from fit.identifiability
         yield from finding_notes(self.findings)
@@ -216,11 +218,11 @@ class Identified:
     def _plate_lines(self, fit: PlateFit) -> list[str]:
         per = "full drive" if self.drive else "A"
         inputs = sorted({n for record in self.plate_records for n in logged_inputs(record.columns, [0]).names})
-        more = f"{', '.join(inputs)}: in the record, and not in this fit; `peltier diagnose` has it in its own"
+        more = f"{', '.join(inputs)}: recorded, but not used by this fit; `peltier diagnose` uses it"
         return [
-            f"plate: RMSE {fit.rmse_K * 1e3:.1f} mK, noise {fit.noise_K * 1e3:.1f} mK; per {per}:",
+            f"plate: RMSE {fit.rmse_K * 1e3:.1f} mK, noise {fit.noise_K * 1e3:.1f} mK; parameters per {per}:",
             *(
-                f"  {name} = {value:.6g} +- {NORMAL_95 * error:.2g} (95 %)"
+                f"  {name} = {' +- '.join(value_and_half(value, NORMAL_95 * error))} (95 %)"
                 for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
             ),
             *(f"plate: {note}" for note in self._plate_notes(fit)),

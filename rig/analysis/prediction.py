@@ -410,7 +410,7 @@ def _room_note(found: Prediction, model: Model) -> str | None:
     if found.own is not None or found.temperature_degC is None or model.plate is None:
         return None
     room = f"{model.plate.ambient_degC:.1f} degC"
-    return f"the room is the model's, {room}; --initial fitted finds the record's own in its first rows"
+    return f"room temperature taken from the model, {room}; --initial fitted fits it to the record's first rows"
 
 
 def _fitted_rows_in_words(found: Prediction, time_s: Array, first_s: float | None) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.analysis.error import Rows
+from rig.analysis.error import Rows, value_and_half
 from rig.records.film_output import in_decades, sign_of, unit_of
 from rig.records.record import Record
 from rig.records.thermometer_faults import describe_false_readings, find_false_readings, mask_readings
@@ -19,7 +19,7 @@ from sim.inference.readings.temperature_path import temperature_path
 from sim.inference.transition.forc import Forc, forc
 from sim.inference.transition.transition import Quantity, Transition, transition, untold
 
-FAR_OFF = 5.0  # times the noise: beyond it the record may not be what it is taken for
+FAR_OFF = 5.0  # times the noise: beyond it a column may not be what it is taken for
 NO_JUMPS = 0.98  # of the changes from reading to reading
 FEWEST = 20  # readings from which their noise can be estimated
 LEAST = 1e-3  # of the output: of readings without noise no model is asked to be closer
@@ -28,7 +28,7 @@ MOST_READINGS = 50_000  # of reversal curves: beyond it every so many rows are t
 WORDS = {
     "heating_degC": ("transition temperature on heating", "degC"),
     "cooling_degC": ("transition temperature on cooling", "degC"),
-    "hysteresis_K": ("hysteresis, the difference of both", "K"),
+    "hysteresis_K": ("hysteresis, heating - cooling", "K"),
     "width_heating_K": ("width on heating, FWHM", "K"),
     "width_cooling_K": ("width on cooling, FWHM", "K"),
     "midpoint_heating_degC": ("midpoint on heating", "degC"),
@@ -82,12 +82,11 @@ class FilmNumbers:
         if not found.shapes:
             return ""
         what = "log10 R" if found.in_decades else "output"
-        windows = ", ".join(f"{sense} {2.0 * shape.window_K:.1f} K" for sense, shape in found.shapes.items())
-        text = (
-            f"transition temperature: where |d {what} / dT| of the major branch is largest, over a window of {windows}"
-        )
+        windows = " and ".join(f"{2.0 * shape.window_K:.1f} K ({sense})" for sense, shape in found.shapes.items())
+        text = f"transition temperature: where |d {what} / dT| of the major branch is largest, fitted over windows of "
+        text += windows
         low, high = found.range_degC
-        return f"{text}{windows}; midpoint: where {what} is halfway between {low:.1f} and {high:.1f} degC"
+        return f"{text}; midpoint: where {what} is halfway between its values at {low:.1f} and {high:.1f} degC"
 
     def notes(self) -> list[str]:
         """Return the lines on how the numbers were obtained: definition, fitted range, ramps."""
@@ -97,9 +96,9 @@ class FilmNumbers:
             notes.append(f"activation energy: of ln R over 1/(kT) between {between[0]:.1f} and {between[1]:.1f} degC")
         if self.timed and (rates := found.rates_K_per_s()):
             ramps = " and ".join(f"{rate:.2g} K/s on {sense}" for sense, rate in rates.items())
-            text = f"ramps: {ramps}; each second that the thermometer lags behind the film makes the loop look "
-            text += f"{found.shift_K(1.0):.2g} K narrower, each that the film lags behind it as much wider; "
-            text += "no interval includes that"
+            text = f"ramps: {ramps}; at these rates each second of the thermometer's lag narrows the loop by "
+            text += f"{found.shift_K(1.0):.2g} K, and each second of the film's lag widens it by as much; "
+            text += "the intervals do not include this"
             if self.lag_s is not None and self.lag_s > 0.0:
                 shift_K = found.shift_K(self.lag_s)
                 text += f"; its lag behind the plate of {self.lag_s:.2g} s ({shift_K:.2g} K) is taken out"
@@ -181,8 +180,8 @@ def _number(quantity: Quantity, unit: str) -> str:
     if quantity.value is None or quantity.ci95 is None:
         return f"not determined: {quantity.reason}"
     half = 0.5 * (quantity.ci95[1] - quantity.ci95[0])
-    digits = max(0, 1 - math.floor(math.log10(half))) if half > 0.0 else 6
-    return f"{quantity.value:.{digits}f} +- {half:.{digits}f} {unit}".rstrip()
+    value, half_width = value_and_half(quantity.value, half)
+    return f"{value} +- {half_width} {unit}".rstrip()
 
 
 def film_numbers(
@@ -228,10 +227,10 @@ def doubted(numbers: FilmNumbers, modelled: Array, measured: Array) -> FilmNumbe
     times = times_the_noise(modelled - measured, float(np.ptp(measured[np.isfinite(measured)])))
     if times <= FAR_OFF:
         return numbers
-    why = f"the film model is off by {times:.0f} times the noise, so that this record may not be what it is taken for"
+    why = f"the film model misses this record by {times:.0f} times the noise"
     found, named = numbers.transition, dict(numbers.rows())
     quantities = {
-        name: quantity if quantity.value is None else untold(f"{why} (it shows {named[WORDS[name][0]]})")
+        name: quantity if quantity.value is None else untold(f"{why} (apparent value {named[WORDS[name][0]]})")
         for name, quantity in found.quantities.items()
     }
     return replace(numbers, transition=replace(found, quantities=quantities))

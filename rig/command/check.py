@@ -267,7 +267,7 @@ def _stop(bench: Bench, terminal: Terminal) -> dict[str, Any]:
     middle, longest = statistics.median(seconds), max(seconds)
     where = " (simulated time)" if bench.virtual else ""
     terminal.print(
-        f"STOP: {1e3 * middle:.1f} ms in the middle of {STOPS}, {1e3 * longest:.1f} ms at the longest, "
+        f"STOP: {1e3 * middle:.1f} ms (median of {STOPS}), {1e3 * longest:.1f} ms at most, "
         f"until the controller confirmed that its output is off{where}"
     )
     return {"stop_s": middle, "stop_longest_s": longest, "output_off_confirmed": confirmed}

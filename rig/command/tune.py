@@ -1,7 +1,8 @@
 """peltier tune CONFIG: gains from the plate model, and the margins of the whole law with them.
 
-Estimator, resistance feedback through the inverse, temperature PID, delays, plate and film together, the film's slope
-being 0.6 to 2.2 times the model's. Gains whose margins do not hold are refused (exit status 1): it says which to lower.
+The whole law is estimator, resistance feedback through the inverse, temperature PID, delays, plate and film; the film's
+slope is taken as 0.6 to 2.2 times the model's. Gains with too small margins are refused (exit status 1), with a line
+on what to lower.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ if TYPE_CHECKING:
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path)
     parser.add_argument(
-        "--output-age", type=float, metavar="S", help="the ohmmeter is read by so much before the thermometer"
+        "--output-age", type=float, metavar="S", help="how long before the thermometer the ohmmeter is read"
     )
-    parser.add_argument("--acts-after", type=float, metavar="S", help="a command acts by so much after its reading")
+    parser.add_argument("--acts-after", type=float, metavar="S", help="how long after a reading its command acts")
     parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, figures and tuning.json there")
     add_json_argument(parser)
 
@@ -45,7 +46,11 @@ def main(options: argparse.Namespace) -> int:
     file = read_configuration(options.config)
     configuration = file.content
     if configuration.experiment.model is None:
-        raise fault(options.config, "experiment.model", "missing; expected a model file with [plate] (and [film])")
+        raise fault(
+            options.config,
+            "experiment.model",
+            "missing; expected a model file with [plate] and [film], as `peltier calibrate` writes",
+        )
     model = read_model(file.beside(configuration.experiment.model), needs=("plate", "film"))
     assert model.film is not None
     assert model.plate is not None
@@ -68,7 +73,7 @@ def main(options: argparse.Namespace) -> int:
     _print_gains(
         terminal, f"pid: PID on {what} alone, output in {unit}", by_output, (f"{unit}/{per}", f"{unit}/({per} s)")
     )
-    terminal.print(f"  swings by the film's hysteresis: {_cycles(cycles, 'K')}")
+    terminal.print(f"  limit cycle from the film's hysteresis: {_cycles(cycles, 'K')}")
     _print_own_pid(terminal, own, configuration.bench.controller.driver)
     result = {
         "format": "peltier-tuning/2",
@@ -107,10 +112,10 @@ def _print_margins(terminal: Terminal, found: WholeLaw, law: Law) -> None:
     t = found.timing
     terminal.print(
         f"{found.name}: the whole law (estimator, resistance through the inverse, temperature, delays, plate, film),\n"
-        "  the least margins of its way up and down the film's loop"
+        "  the smallest margins over heating and cooling branch"
     )
     terminal.print(
-        f"  one reading of the ohmmeter moves the correction by at most {found.most_share:.2f} of what it is off;\n"
+        f"  one reading of the ohmmeter corrects at most {found.most_share:.2f} of its error;\n"
         f"  it is read {1e3 * t.output_age_s:.0f} ms before the thermometer, "
         f"a command acts {1e3 * t.acts_after_s:.0f} ms after it"
         + (f" and {1e3 * t.late_s:.0f} ms that no stamp shows" if t.late_s else "")
@@ -120,25 +125,25 @@ def _print_margins(terminal: Terminal, found: WholeLaw, law: Law) -> None:
     for row in found.rows:
         m = row.margins
         if not m.stable:
-            terminal.print(f"  {row.ratio:<19g} rings on by itself ({row.way}, {row.degC:.1f} degC)")
+            terminal.print(f"  {row.ratio:<19g} unstable ({row.way}, {row.degC:.1f} degC)")
             continue
         terminal.print(
             f"  {row.ratio:<19g} {m.gain_margin:<7.2f} {m.phase_margin_deg:<14.0f} {m.ms:<10.2f} "
             f"{_or_dash(m.at_thermometer):<13} {m.at_ohmmeter:<10.2f} {m.disk_gain:.2f}, {m.disk_phase_deg:.0f}"
         )
     terminal.print(
-        f"  it would ring on with a film {_times(found.rings_at_ratio)} as steep as the model's, "
-        f"or a plate that answers {_times(found.rings_at_gain)} as much"
+        f"  unstable with a film {_times(found.rings_at_ratio)} as steep as the model's, "
+        f"or a plate whose gain is {_times(found.rings_at_gain)} the model's"
     )
     rest = found.rest
     terminal.print(
-        f"  a film at rest, within the band where the resistance is not fed back: gain margin {rest.gain_margin:.2f}, "
+        f"  film at rest, within the band where the resistance is not fed back: gain margin {rest.gain_margin:.2f}, "
         f"Ms {rest.ms:.2f}"
     )
     words = {
-        "play": (f"swings by a film's loop that is {2e3 * PLAY_K:.0f} mK wider than the model's", "K"),
-        "thermometer": ("swings by the thermometer's steps", "K"),
-        "dead band": ("swings by the driver's dead band", law_unit(law)),
+        "play": (f"limit cycle if the film's loop is {2e3 * PLAY_K:.0f} mK wider than the model's", "K"),
+        "thermometer": ("limit cycle from the thermometer's steps", "K"),
+        "dead band": ("limit cycle from the driver's dead band", law_unit(law)),
     }
     for part, cycles in found.cycles.items():
         text, unit = words[part]
@@ -172,7 +177,7 @@ def _print_own_pid(terminal: Terminal, own: OwnTuning, driver: str) -> None:
         f"Td {pid.td_s:.3g} s; Ms {margins.ms:.2f}"
     )
     if own.fields is None:
-        terminal.print(f"  {driver}: its fields are not known here")
+        terminal.print(f"  {driver}: the program does not know its fields")
         return
     listed = ", ".join(f"{field.option} = {field.value:g}" for field in own.fields)
     terminal.print(f"  [bench.controller] options = {{ {listed} }}")

@@ -70,8 +70,8 @@ LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would t
 # What comes after it frightens whoever only wants to track, and mostly need not: the demo's heat sink puts its plate's
 # model off by 49 times the noise, and its law with feedback holds the film all the same.
 FAR_OFF_IN_A_RUN: Final = (
-    "A law with feedback makes up for most of a model that is off for a slow cause, such as a heat sink; not for a "
-    "thermometer that lags, and feedforward alone for neither. `peltier diagnose` on the record looks for the cause."
+    "Feedback corrects most of such an error if its cause is slow, as a heat sink is, but not that of a thermometer "
+    "that lags; feedforward corrects neither. `peltier diagnose` on the record looks for the cause."
 )
 
 
@@ -147,9 +147,9 @@ class Calibration:
         }
 
     def _plate_notes(self, known: Iterable[str]) -> list[str]:
-        """Return the notes on the plate's fit, preceded by what a model that is far off means for a run."""
+        """Return the notes on the plate's fit, the first followed by what a large model error means for a run."""
         notes = plate_notes(self.plate, known)
-        return [FAR_OFF_IN_A_RUN, *notes] if self.plate.far_off else notes
+        return [*notes[:1], FAR_OFF_IN_A_RUN, *notes[1:]] if self.plate.far_off else notes
 
 
 def heat_by_pulses(loop: Loop, configuration: Configuration) -> None:

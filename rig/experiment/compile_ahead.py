@@ -44,7 +44,7 @@ def compile_ahead(say: Callable[[str], None], calibrates: bool) -> None:
                 law.late(law.start(25.0, None), 0.0, 0.5 * PERIOD_S)
     took_s = time.monotonic() - began_s
     if took_s > LONG_S:
-        say(f"loops are ready after {took_s:.0f} s")
+        say(f"compiled in {took_s:.0f} s")
 
 
 def _precompile_film_fit() -> None:

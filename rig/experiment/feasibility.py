@@ -199,8 +199,8 @@ def memory_warning(film: FilmModel, hot_degC: float, where: object, units: LawUn
     in_ohm = units.quantity == "resistance"
     unknown = f"{apart:.2g} decades" if in_ohm else f"{apart / abs(units.factor):.2g} {units.unit}"
     return (
-        f"{where}: film: at {hot_degC:g} degC, where the film is conditioned, {unknown} still depend on what "
-        "was before; expected calibration.temperature_degC to reach above the transition"
+        f"{where}: film: at {hot_degC:g} degC, where the film is conditioned, the film still remembers what "
+        f"was before ({unknown}); raise the upper calibration.temperature_degC above the transition"
     )
 
 

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: the verdict in one sentence, its evidence, what is gained, what is left, what to do."""
+"""The report page of a diagnosis: verdict, effects, errors, residuals, warnings, upper limits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rig.core.file_writing import write_text
 from rig.records.run_folder import plain_json
 from rig.report.batch import CANDIDATE
-from rig.report.diagnosis_figures import course_figure, gain_figure, loop_figure, residual_figures
+from rig.report.diagnosis_figures import course_figure, gain_figure, loop_figure, residual_figures, scaled
 from rig.report.diagnosis_words import (
     NOT_FIXED,
     assumed_lines,
@@ -47,18 +47,18 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
         *_first(folder, diagnosis),
         section("Effects", _effects(diagnosis), *_assumed(diagnosis), *_changes(diagnosis)),
         *_not_named(diagnosis, (folder / CANDIDATE).is_file()),
-        section("What the repair gains", gain_figure(folder, diagnosis)),
-        section("What is left, and what to do next", *_left(diagnosis)),
-        section("What was wrong", *residual),
+        section("Errors on held-out rows", gain_figure(folder, diagnosis)),
+        section("Residual, warnings, and what to do next", *_left(diagnosis)),
+        section("Residuals", *residual),
     ]
     parts += _plate(diagnosis)
     parts += _limits(diagnosis)
-    parts.append(section("Evidence against the runners-up", *_runners_up(diagnosis)))
+    parts.append(section("Other sets of effects", *_runners_up(diagnosis)))
     write_page(folder / "report.html", f"Diagnosis of {together(diagnosis)}", sentence(diagnosis), parts)
 
 
 def _first(folder: Path, diagnosis: Diagnosis) -> list[str]:
-    """What was measured and what the models make of it: the temperature over time, the loop."""
+    """Figures of the record and the models: the temperature over time, the loop."""
     figures = [course_figure(folder, diagnosis)] if diagnosis.plate is not None else []
     if diagnosis.record.output is not None:
         figures.append(loop_figure(folder, diagnosis))
@@ -76,14 +76,15 @@ def _records(diagnosis: Diagnosis) -> list[str]:
 def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     found = [(diagnosis.verdict.replace("_", " "), "verdict")]
     for what, unit, channel in judged_channels(diagnosis):
-        scale, prefix = (1e3, "m") if channel.rmse_base < 0.3 else (1.0, "")
+        scale, prefix = scaled(channel.rmse_base, unit)
         before, after = scale * channel.rmse_base, scale * channel.rmse_extended
         arrow = f"{before:.3g} \N{RIGHTWARDS ARROW} {after:.3g} {prefix}{unit}"
         if not diagnosis.findings:
             arrow = f"{after:.3g} {prefix}{unit}"
-        found.append((arrow, f"error of {what} in held-out rows; noise {scale * channel.noise:.3g} {prefix}{unit}"))
+        found.append((arrow, f"RMS error of {what} in held-out rows; noise {scale * channel.noise:.3g} {prefix}{unit}"))
     if diagnosis.film is not None:
-        found.append((f"D(T): {diagnosis.film['memoryless']}", film_words(diagnosis.film)))
+        kind, _, form = film_words(diagnosis.film).partition(", ")
+        found.append((kind, form))
     return found
 
 
@@ -91,7 +92,7 @@ def _effects(diagnosis: Diagnosis) -> str:
     """The table of effects."""
     if not diagnosis.findings:
         return paragraph("None is named.")
-    head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "or instead"]
+    head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "or instead of it"]
     rows = []
     for f in by_gain(diagnosis):
         values = parameters(f, ";\n")
@@ -106,31 +107,31 @@ def _effects(diagnosis: Diagnosis) -> str:
 
 
 def _assumed(diagnosis: Diagnosis) -> list[str]:
-    """What the user knew."""
+    """The effects that --assume gave."""
     lines = assumed_lines(diagnosis)
     return [paragraph("Assumed to be there, in the base model too:"), bullets(lines)] if lines else []
 
 
 def _not_named(diagnosis: Diagnosis, as_model: bool) -> list[str]:
-    """A section where something was found that did not earn its name. as_model: whether the first can be run."""
+    """A section on candidates, if there are any. as_model: whether the first was written as a model."""
     if not diagnosis.candidates:
         return []
-    note = "Chosen as the best of several, these sets may do a little worse on another record: --holdout shows it. "
+    note = "These sets were chosen for their errors here, and may do worse on another record: check with --holdout. "
     if as_model:
         note += f"The model with the first of them is {CANDIDATE}."
     else:
-        note += "As a model that can be run, none of them tells these rows better than what is named."
-    return [section("Found, and not named", bullets(not_named(diagnosis)), paragraph(note, "note"))]
+        note += "Written as a model file, none of them predicts these rows better than the named effects."
+    return [section("Candidates that are not named", bullets(not_named(diagnosis)), paragraph(note, "note"))]
 
 
 def _limits(diagnosis: Diagnosis) -> list[str]:
-    """A section of what is not named."""
+    """A section with the upper limits."""
     rows = [list(row) for row in limit_rows(diagnosis)]
     if not rows:
         return []
     head = ["effect", "size that this record allows (95 %)", "typical range"]
-    note = "A larger one would have shown beside everything else that is fitted; of a leakage or a sink, a smaller one."
-    return [section("What is not named, and how large it may be", table(head, rows), paragraph(note, "note"))]
+    note = "A larger effect would have been seen. Leakage and heat sink are larger effects if their value is smaller."
+    return [section("Upper limits of effects that are not named", table(head, rows), paragraph(note, "note"))]
 
 
 def _plate(diagnosis: Diagnosis) -> list[str]:
@@ -150,7 +151,7 @@ def _plate(diagnosis: Diagnosis) -> list[str]:
 
 
 def _changes(diagnosis: Diagnosis) -> list[str]:
-    """What each effect is, in words."""
+    """A description of each effect, and what the columns mean."""
     known = diagnosis.search.known
     found = [known[f.name] for f in diagnosis.findings if f.name in known]
     words = [f"{effect.name} ({effect.link}): {effect.changes}." for effect in found]
@@ -159,7 +160,8 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
     return [
         bullets(words),
         paragraph(
-            "Evidence: the fall of the log-likelihood when the effect is taken out and all else is fitted anew.",
+            "Evidence: the fall of the log-likelihood if the effect is removed and everything else is fitted again. "
+            "Error without it: RMS error in held-out rows, relative to the extended model's.",
             "note",
         ),
     ]
@@ -167,7 +169,7 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
 
 def _left(diagnosis: Diagnosis) -> list[str]:
     left = left_over(diagnosis)
-    parts = [bullets(left)] if left else [paragraph("Nothing is left beyond the noise.")]
+    parts = [bullets(left)] if left else [paragraph("The residual is noise.")]
     warnings = [f"Warning, {w.code.replace('_', ' ')}: {warning_line(diagnosis, w)}" for w in diagnosis.warnings]
     if warnings:
         parts.append(bullets(warnings))
@@ -182,7 +184,11 @@ def _runners_up(diagnosis: Diagnosis) -> list[str]:
     best = search.value(diagnosis.fit)
     behind = [(best - search.value(fit), key) for key, fit in search.table.items() if key != names]
     if not behind:
-        return [paragraph("No other set of effects was worth a fit.")]
+        return [paragraph("No other set of effects was fitted.")]
     rows = [[", ".join(sorted(key)) or "none", f"{less:,.1f}"] for less, key in sorted(behind, key=lambda e: e[0])]
-    note = "Log-likelihood less the price of the effects' parameters; the set that is named has the largest."
-    return [table(["effects", "behind the named set"], rows[:RUNNERS_UP]), paragraph(note, "note")]
+    note = "Score: log-likelihood - price of the parameters. Below 0: a better score than that of the named effects, "
+    note += "with an effect that could not be named."
+    return [
+        table(["effects", "score of the named effects - score of this set"], rows[:RUNNERS_UP]),
+        paragraph(note, "note"),
+    ]

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: what is gained, residuals of the base and of the extended model, the loop."""
+"""Figures of a diagnosis: errors, residuals of the base and of the extended model, temperature over time, loop."""
 
 from __future__ import annotations
 
@@ -23,24 +23,26 @@ if TYPE_CHECKING:
 
 BASE, EXTENDED, NOISE = EDGE, COLOURS["model"], GREEN
 MOST_DOTS = 4000  # more hide each other, and make the page slow
-MILLI = 0.3  # below it a figure is in thousandths
+MILLI = 0.3  # K: below it a figure is in mK
 
 
 def gain_figure(folder: Path, diagnosis: Diagnosis) -> str:
-    """Held-out error before, after, and the noise, a panel for each channel."""
-    caption = "Root mean square error of a simulation over the whole record, on held-out rows, beside the noise."
+    """Draw the errors of both models on held-out rows, and the noise, a panel for each channel."""
+    caption = "RMS error of a simulation over the whole record, counted on held-out rows, and the instrument's noise."
     return figure(saved(drawn_gain(diagnosis), folder, "gain"), caption)
 
 
 def drawn_gain(diagnosis: Diagnosis) -> Figure:
-    """The same, not yet in a file."""
+    """Return the same as a matplotlib figure."""
     channels = judged_channels(diagnosis)
+    extends = _extends(diagnosis)
     fig, axes = grid(1, len(channels), 1.7)
     for axis, (what, unit, channel) in zip(axes[0], channels, strict=True):
-        scale, prefix = _scale(channel.rmse_base)
-        values = [scale * v for v in (channel.noise, channel.rmse_extended, channel.rmse_base)]
-        names = ["noise", "extended model", "base model"]
-        axis.barh(names, values, color=[NOISE, EXTENDED, BASE], height=0.62)
+        scale, prefix = scaled(channel.rmse_base, unit)
+        bars = [("noise", channel.noise, NOISE), ("extended model", channel.rmse_extended, EXTENDED)]
+        bars = [*bars, ("base model", channel.rmse_base, BASE)] if extends else [bars[0], ("model", *bars[1][1:])]
+        values = [scale * value for _, value, _ in bars]
+        axis.barh([name for name, _, _ in bars], values, color=[colour for _, _, colour in bars], height=0.62)
         for k, value in enumerate(values):
             axis.annotate(f" {value:.3g}", (value, k), va="center", fontsize=9.5)
         axis.set_xlim(0.0, 1.14 * max(values))
@@ -50,13 +52,14 @@ def drawn_gain(diagnosis: Diagnosis) -> Figure:
     return fig
 
 
-def _scale(size: float) -> tuple[float, str]:
-    return (1e3, "m") if size < MILLI else (1.0, "")
+def scaled(size: float, unit: str) -> tuple[float, str]:
+    """Return the factor and the prefix with which a size is shown: millikelvins below a limit."""
+    return (1e3, "m") if size < MILLI and unit == "K" else (1.0, "")
 
 
 def residuals(diagnosis: Diagnosis, fit: Fit) -> dict[str, Array]:
-    """Measured - model, in K and in decades of R or the film's own unit, nan where there is no reading; shape (rows,)
-    each."""
+    """Return measured - model by channel, shape (rows,), in K and in decades of R or the film's own unit; nan without a
+    reading."""
     record, out = diagnosis.record, {}
     for key, values in diagnosis.shown(fit).items():
         if key == "temperature_K":
@@ -68,13 +71,13 @@ def residuals(diagnosis: Diagnosis, fit: Fit) -> dict[str, Array]:
 
 
 def course_figure(folder: Path, diagnosis: Diagnosis) -> str:
-    """The thermometer's readings and both models' over time, and the current that drove the plate."""
+    """Draw the temperature over time, measured and simulated by both models, and the current."""
     caption = "The temperature as measured, and as the models simulate it from the current alone."
     return figure(saved(drawn_course(diagnosis), folder, "course"), caption)
 
 
 def drawn_course(diagnosis: Diagnosis) -> Figure:
-    """The same, not yet in a file."""
+    """Return the same as a matplotlib figure."""
     record = diagnosis.record
     fig, axes = new_figure(2, 5.0, [2.6, 1.0])
     degC = np.where(record.temperature_used, record.temperature_degC, np.nan)
@@ -96,29 +99,31 @@ def drawn_course(diagnosis: Diagnosis) -> Figure:
 
 
 def _models(diagnosis: Diagnosis) -> list[tuple[Fit, str, str]]:
-    """The fit, colour and name of the models that are shown: the extended one, where it is another, too."""
+    """The fit, colour and name of each model that is shown: the base model only if the extended one differs from it."""
     models = [(diagnosis.base, BASE, "base model"), (diagnosis.fit, EXTENDED, "extended model")]
     return models if _extends(diagnosis) else [(diagnosis.fit, EXTENDED, "model")]
 
 
 def _extends(diagnosis: Diagnosis) -> bool:
-    return diagnosis.fit.effects != diagnosis.base.effects
+    """Whether the extended model has other effects than the base model, or another film."""
+    fit, base = diagnosis.fit, diagnosis.base
+    return fit.effects != base.effects or type(fit.joint.film) is not type(base.joint.film)
 
 
 def _breaks(record: Record) -> list[int]:
-    """The rows before which no line goes on: after gaps, and where another record begins."""
+    """Return the rows at which a line is interrupted: after gaps, and at the first row of each record."""
     return sorted({*record.after_gaps.tolist(), *record.joined.tolist()})
 
 
 def residual_figures(folder: Path, diagnosis: Diagnosis) -> list[str]:
-    """Residuals against time, temperature, rate and what drove, a figure for each channel."""
+    """Draw residuals against time, temperature, rate and drive, a figure for each channel."""
     before, after = residuals(diagnosis, diagnosis.base), residuals(diagnosis, diagnosis.fit)
     against = _against(diagnosis)
     return [_residual(folder, diagnosis, against, key, before[key], after[key]) for key in after]
 
 
 def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
-    """What residuals are shown against."""
+    """Return the (label, values) against which residuals are drawn."""
     record = diagnosis.record
     temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
     rate = np.concatenate([_rate(temperature[part], record.file_s[part]) for part in record.parts])
@@ -132,7 +137,7 @@ def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
 
 def _time(record: Record) -> tuple[str, Array]:
     if record.joined.size:
-        return "time / s, one record after the other, each with its own times", record.time_s
+        return "time / s, record after record", record.time_s
     return "time / s", record.file_s
 
 
@@ -142,7 +147,7 @@ def _drive(diagnosis: Diagnosis) -> str:
 
 
 def _rate(temperature_degC: Array, time_s: Array) -> Array:
-    """Of one record, K/s, smoothed over a few rows; nan where too few were read."""
+    """Return the rate of one record, K/s, smoothed over a few rows; nan if it has fewer than two readings."""
     good = np.isfinite(temperature_degC)
     if np.sum(good) < 2:
         return np.full(time_s.size, np.nan)
@@ -153,7 +158,7 @@ def _rate(temperature_degC: Array, time_s: Array) -> Array:
 
 
 def _times_of_each(axis: Axes, record: Record) -> None:
-    """Records one after the other along an axis: a line where each begins, and the times of its own file."""
+    """Label an axis of joined records with the times of each record's file, and draw a line where each begins."""
     places, labels = [], []
     for part in record.parts:
         time, begin_s = record.file_s[part], float(record.time_s[part.start])
@@ -168,48 +173,46 @@ def _times_of_each(axis: Axes, record: Record) -> None:
 def _residual(
     folder: Path, diagnosis: Diagnosis, against: list[tuple[str, Array]], key: str, before: Array, after: Array
 ) -> str:
+    """Draw the residuals of one channel, a row of panels for each model, each row on its own scale."""
     what, unit = channels_of(diagnosis)[key]
-    fig, axes = grid(2, 2, 4.6, sharey=True)
-    spread = float(np.nanpercentile(np.abs(before), 99.5))
-    scale, prefix = _scale(spread)
+    models = [(before, BASE, "base model"), (after, EXTENDED, "extended model")]
+    models = models if _extends(diagnosis) else [(after, EXTENDED, "model")]
+    fig, axes = grid(len(models), len(against), 2.5 * len(models), sharex="col", sharey="row")
     good = np.flatnonzero(np.isfinite(before) & np.isfinite(after))
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
-    same = not _extends(diagnosis)
-    sets = [(before, BASE, 2.2, "base model")] + ([] if same else [(after, EXTENDED, 1.6, "extended")])
-    limit = 1.3 * scale * spread
-    beyond = 0
-    for axis, (label, x) in zip(axes.flat, against, strict=False):
-        for left, colour, size, name in sets:
-            axis.plot(x[index], scale * left[index], ".", color=colour, markersize=size, rasterized=True, label=name)
-            far = good[np.abs(scale * left[good]) > limit]
-            beyond = max(beyond, far.size)
+    beyond = False
+    for row, (residuals_of_model, colour, name) in zip(axes, models, strict=True):
+        spread = float(np.nanpercentile(np.abs(residuals_of_model), 99.5))
+        scale, prefix = scaled(spread, unit)
+        limit, values = 1.3 * scale * spread, scale * residuals_of_model
+        far = good[np.abs(values[good]) > limit]
+        beyond = beyond or far.size > 0
+        for axis, (_, x) in zip(row, against, strict=True):
+            axis.plot(x[index], values[index], ".", color=colour, markersize=2, rasterized=True)
             for sign, mark in ((1.0, "^"), (-1.0, "v")):
-                there = far[sign * left[far] > 0.0]
+                there = far[sign * values[far] > 0.0]
                 axis.plot(x[there], np.full(there.size, 0.97 * sign * limit), mark, color=colour, markersize=4)
+            axis.set_ylim(-limit, limit)
+        row[0].set_ylabel(f"{name}\n{residual_label(f'{prefix}{unit}')}")
+    for axis, (label, _) in zip(axes[-1], against, strict=True):
         axis.set_xlabel(label)
-        axis.set_ylim(-limit, limit)
     if diagnosis.record.joined.size:
-        _times_of_each(axes[0, 0], diagnosis.record)
-    for axis in list(axes.flat)[len(against) :]:
-        axis.set_visible(False)
-    for axis in axes[:, 0]:
-        axis.set_ylabel(residual_label(f"{prefix}{unit}"))
-    axes[0, 0].legend(loc="upper right", markerscale=4, fontsize=9, ncols=2)
+        _times_of_each(axes[-1, 0], diagnosis.record)
     *others, last = [label.split(" / ")[0] for label, _ in against]
-    caption = f"What is left in {what}: against {', '.join(others)} and {last}. Grey: base model"
-    caption += "." if same else "; red: with the effects named."
-    caption += " Triangles at the edge: readings beyond it." if beyond else ""
+    caption = f"Residual of {what} against {', '.join(others)} and {last}."
+    caption += " Each row has its own scale." * (len(models) > 1)
+    caption += " Triangles at the edge: readings beyond it." * beyond
     return figure(saved(fig, folder, f"residual_{key}"), caption)
 
 
 def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
-    """Resistance, or what else was read, over temperature, measured and as the extended model shows it."""
-    caption = "The loop as measured, and as base and extended model show it."
+    """Draw the film's output over temperature, measured and simulated."""
+    caption = "The loop as measured, and as the models simulate it."
     return figure(saved(drawn_loop(diagnosis), folder, "loop"), caption)
 
 
 def drawn_loop(diagnosis: Diagnosis) -> Figure:
-    """The same, not yet in a file."""
+    """Return the same as a matplotlib figure."""
     record = diagnosis.record
     assert record.output is not None
     fig, axes = grid(1, 2, 3.6)

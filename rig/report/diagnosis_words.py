@@ -1,4 +1,4 @@
-"""A diagnosis in words, once for terminal, page, notebook and model file: the verdict, what is named, what is left."""
+"""Sentences on a diagnosis, for terminal, page, notebook and model file: verdict, effects, limits, warnings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EXACT = 1e-5  # of a value: of an interval that is narrower its digits are given
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 OFF = 1.3  # times the noise, from which the error in held-out rows is said to be larger: noise alone gives 0.9 to 1.1
 MOST_NAMED = 4  # records in a title
-NOT_FIXED = "not fixed by this record"
+NOT_FIXED = "not determined by this record"
 SATURATED = "heat_sink_saturated"
 SHARE = "share_of_full_drive"
 UNITS = {  # endings of parameters' names
@@ -54,36 +54,38 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     out += [f"rooms: {text}" for text in room_line(diagnosis)]
     if diagnosis.film is not None:
         out.append(f"film: {film_words(diagnosis.film)}")
-    out += [f"not named: {text}" for text in not_named(diagnosis)]
+    out += [f"candidate: {text}" for text in not_named(diagnosis)]
     out += limit_lines(diagnosis)
-    out += [f"left over: {text}" for text in left_over(diagnosis)]
+    out += [f"residual: {text}" for text in left_over(diagnosis)]
     out += [f"warning: {warning_line(diagnosis, caution)}" for caution in diagnosis.warnings]
     return out + [f"next: {text}" for text in diagnosis.next_experiment]
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """Return the verdict: what matters most first."""
+    """Return the verdict in one or a few sentences."""
     first = [f"{_capital(warning_line(diagnosis, w))}. " for w in diagnosis.warnings if w.code == SATURATED][:1]
     if diagnosis.written == "base":
         first.append(
-            "The extended model predicts the held-out record worse than the base model, which is the model written. "
+            "The extended model predicts the held-out record worse than the base model, so the base model is written. "
         )
     elif diagnosis.written == "likeliest":
         more = set(diagnosis.likeliest.values()) - {f.name for f in diagnosis.findings}
         names_of = listed(sorted(more)) if more else "fewer effects"
-        first.append(f"The model written is that with {names_of}, not named: it predicts the held-out record best. ")
+        first.append(
+            f"The model that is written has {names_of}, which is not named: it predicts the held-out record best. "
+        )
     names = [named(f, diagnosis) for f in by_gain(diagnosis)]
     left = "; ".join(left_over(diagnosis))
     if diagnosis.verdict == "too_short":
-        text = "Too few rows: between two of them the film may do what any effect of film or ohmmeter does"
+        text = "Rows too far apart: the film changes more from row to row than an effect of film or ohmmeter would show"
         text += f"; {left}." if left else "."
     elif diagnosis.verdict == "clean":
-        text = f"Clean: no effect is seen, and nothing is left beyond the noise{_unseen(diagnosis)}."
+        text = f"Clean: no effect is seen, and the residual is noise{_unseen(diagnosis)}."
     elif diagnosis.verdict == "explained":
-        text = f"Explained: {listed(names)}. Nothing else is left beyond the noise."
+        text = f"Explained: {listed(names)}. The residual is noise."
     elif left:
-        text = f"no effect of the catalogue explains what is left over ({left})"
-        text = f"Partly unexplained: {listed(names)}; besides, {text}." if names else f"Unexplained: {text}."
+        text = f"no effect of the catalogue explains the residual ({left})"
+        text = f"Partly unexplained: {listed(names)}; {text}." if names else f"Unexplained: {text}."
     else:
         text = f"Not confirmed: {listed(names)}."
     return "".join([*first, text, _elsewhere(diagnosis)])
@@ -99,7 +101,7 @@ def by_gain(diagnosis: Diagnosis) -> list[Finding]:
 
 
 def named(finding: Finding, diagnosis: Diagnosis) -> str:
-    """Return what an effect is, with its name and values, and what it cannot be distinguished from."""
+    """Return a description of an effect with name and values, and the effects that look the same in this record."""
     values = ", ".join(quantity(name, value) for name, (value, _) in finding.parameters.items())
     effect = diagnosis.search.known.get(finding.name)
     text = f"{effect.changes} ({finding.name}, {values})" if effect is not None else f"{finding.name} ({values})"
@@ -109,13 +111,13 @@ def named(finding: Finding, diagnosis: Diagnosis) -> str:
 
 
 def _unseen(diagnosis: Diagnosis) -> str:
-    """Return what may be there all the same, of any typical size."""
+    """Return which effects may be present without being seen, at any typical size."""
     names = [limit.name for limit in diagnosis.limits if limit.allows_all_typical]
     return f"; {listed(names)} would not show in this record at any typical size" if names else ""
 
 
 def _elsewhere(diagnosis: Diagnosis) -> str:
-    """Return by how much held-out rows are missed, where nothing is left in the fitted ones."""
+    """Return by how much held-out rows are missed, if the residual of the fitted ones is noise."""
     off = [
         f"{what} by {rough(channel.rmse_extended / channel.noise)} times its noise"
         for what, _, channel in judged_channels(diagnosis)
@@ -138,8 +140,7 @@ def listed(words: Sequence[str], last: str = "and") -> str:
 
 
 def number(value: float, width: float = 0.0) -> str:
-    """Return a number with four digits that matter, more where an interval (of this width) is so narrow that its ends
-    would be alike."""
+    """Return a number with four significant digits, or more if an interval of this width needs them."""
     digits = DIGITS
     if 0.0 < width < abs(value):
         digits = min(max(DIGITS, math.ceil(math.log10(abs(value) / width)) + 1), MOST_DIGITS)
@@ -208,15 +209,15 @@ def judged_channels(diagnosis: Diagnosis) -> list[tuple[str, str, Channel]]:
 
 
 def error_line(what: str, unit: str, channel: Channel) -> str:
-    """Return the errors in held-out rows beside the noise."""
+    """Return the errors in held-out rows, and the noise."""
     return (
-        f"{what}: error in {channel.samples_holdout} held-out rows {number(channel.rmse_extended)} {unit}, of the base "
-        f"model {number(channel.rmse_base)} {unit}; noise {number(channel.noise)} {unit}"
+        f"{what}: RMS error in {channel.samples_holdout} held-out rows {channel.rmse_extended:.3g} {unit}, of the base "
+        f"model {channel.rmse_base:.3g} {unit}; noise {channel.noise:.3g} {unit}"
     )
 
 
 def left_over(diagnosis: Diagnosis) -> list[str]:
-    """Return what is left in each channel."""
+    """Return the residual structure of each channel that has any."""
     return [
         f"{what}: {diagnosis.unexplained[key]}"
         for key, (what, _) in channels_of(diagnosis).items()
@@ -225,18 +226,18 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
 
 
 def film_words(film: Mapping[str, Any]) -> str:
-    """Return the film's form in words."""
+    """Return a description of the film model."""
     kind = "Prandtl-Ishlinskii film" if film["of_the_class"] else "Preisach film"
-    text = f"{kind}, D(T): {film['memoryless']}, {film['operators']} operators with weight"
+    text = f"{kind}, {film['operators']} operators, D(T): {film['memoryless']}"
     further = film.get("further_records", 0)
     return f"{text}; fitted to this record and to {further} earlier ones" if further else text
 
 
 def candidate_set(candidate: Candidate, named: frozenset[str]) -> str:
-    """Return the effects of a set that is not named: those that are new, and what it has or lacks of those named."""
+    """Return the effects of a candidate: the new ones, and which of the named effects it has and lacks."""
     of = {name: ", ".join(quantity(p, v) for p, (v, _) in own.items()) for name, own in candidate.parameters.items()}
     text = "; ".join(f"{name} ({of[name]})" for name in of if name not in named) or "fewer effects"
-    if beside := [f"{name} (named above, here with {of[name]})" for name in of if name in named]:
+    if beside := [f"{name} (here {of[name]})" for name in of if name in named]:
         text += f", together with {listed(beside)}"
     if without := sorted(named - of.keys()):
         text += f", without {listed(without)}"
@@ -248,13 +249,13 @@ def not_named(diagnosis: Diagnosis) -> list[str]:
     found, names = [], frozenset(f.name for f in diagnosis.findings)
     for c in diagnosis.candidates:
         gains = [
-            f"{what} {number(c.rmse_named[key])} to {number(c.rmse_holdout[key])} {unit} "
+            f"{what} {c.rmse_named[key]:.3g} to {c.rmse_holdout[key]:.3g} {unit} "
             f"({100.0 * c.reduction_ci95[key][0]:.0f} to {100.0 * c.reduction_ci95[key][1]:.0f} % less)"
             for key, (what, unit) in channels_of(diagnosis).items()
             if key in c.rmse_named and c.rmse_holdout[key] < LESS * c.rmse_named[key]
         ]
-        errors = f"error in held-out rows: {', '.join(gains)}. " if gains else ""
-        found.append(f"{candidate_set(c, names)}: {errors}Not named: {c.why_not_named}")
+        errors = f"error in held-out rows: {', '.join(gains)}; " if gains else ""
+        found.append(f"{candidate_set(c, names)}: {errors}not named because: {c.why_not_named}")
     return found
 
 
@@ -289,17 +290,18 @@ def _allowed(limit: UpperLimit) -> str:
     """Return the sizes that the record still allows: tau below 0.62 s."""
     what, unit = split_unit(limit.parameter)
     if limit.limit is None:
-        return f"{what} any"
+        return f"{what}: any"
     return f"{what} {'above' if limit.from_below else 'below'} {rough(limit.limit)} {unit}".rstrip()
 
 
 def limit_lines(diagnosis: Diagnosis) -> list[str]:
-    """Return which effects the record excludes, which it allows up to a size, and which may be there in any typical
-    size. An effect that may stand in for a named one is listed there."""
+    """Return which effects the record excludes, which it allows up to a size, and which it cannot show.
+
+    An effect that may stand in for a named one is listed there."""
     kinds: dict[str, list[str]] = {
         "excluded at every typical size (95 %)": [],
-        "not seen; largest size that is still possible (95 %)": [],
-        "would not have shown at any typical size": [],
+        "not seen; still possible (95 %)": [],
+        "cannot be seen in this record at any typical size": [],
     }
     whole, to_a_size, unseen = kinds.values()
     instead = {name for finding in diagnosis.findings for name in finding.indistinguishable_from}
@@ -339,7 +341,7 @@ def record_lines(diagnosis: Diagnosis) -> list[str]:
 
 
 def room_line(diagnosis: Diagnosis) -> list[str]:
-    """Return each record's room where there are several; of one it is among the plate's numbers."""
+    """Return each record's room temperature if there are several records; that of one is a parameter of the plate."""
     rooms = diagnosis.rooms_degC
     if len(rooms) < 2:
         return []
@@ -372,7 +374,7 @@ def warning_line(diagnosis: Diagnosis, caution: Caution) -> str:
 
 
 def model_comment(diagnosis: Diagnosis) -> str:
-    """Return what stands on top of the extended model's file: doubtful numbers, sizes that are not fixed."""
+    """Return the comment at the top of the extended model's file: doubtful numbers, sizes that are not determined."""
     found = [f"extended model of the diagnosis of {together(diagnosis)}", *unit_lines(diagnosis)]
     if diagnosis.written == "base":
         found = [f"base model of the diagnosis of {together(diagnosis)}: it predicts the held-out record better"]
@@ -390,5 +392,5 @@ def model_comment(diagnosis: Diagnosis) -> str:
 
 
 def unit_lines(diagnosis: Diagnosis) -> list[str]:
-    """Return the line that A stands for the full drive, where it does."""
+    """Return the line that says that A stands for the full drive, if it does."""
     return [warning.text for warning in diagnosis.warnings if warning.code == SHARE]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.analysis.error import residual
+from rig.analysis.error import residual, value_and_half
 from rig.analysis.identification import FitOptions, Identified, PlateComparison, identified
 from rig.analysis.prediction import ChannelError
 from rig.analysis.table_row import of_identification
@@ -36,6 +37,17 @@ from rig.report.page import bullets, figure, paragraph, section, table, tiles, w
 from sim.inference.transition.forc import Forc
 
 Say = Callable[[str], None]
+NOT_DETERMINED = "Warnings, and what this record cannot determine"
+PLATE_HEAD = ("value", "95 %", "unit")
+PLATE_PARAMETERS = {
+    "seebeck_over_capacity_per_A_s": ("Seebeck coefficient / heat capacity, S/C", "1/(A s)"),
+    "resistance_over_capacity_K_per_A2_s": ("resistance / heat capacity, R_e/C", "K/(A\N{SUPERSCRIPT TWO} s)"),
+    "conductance_over_capacity_per_s": ("thermal conductance / heat capacity, G/C", "1/s"),
+    "seebeck_slope_per_K": ("relative slope of S with temperature", "1/K"),
+    "resistance_slope_per_K": ("relative slope of R_e with temperature", "1/K"),
+    "drive_over_capacity_K_per_s": ("heating rate at full drive", "K/s"),
+    "ambient_degC": ("room temperature", "\N{DEGREE SIGN}C"),
+}
 
 
 def report_identification(
@@ -104,10 +116,10 @@ def _write_identification_page(folder: Path, found: Identified, result: Mapping[
     parts: list[str] = []
     lead = f"From {', '.join(Path(source).name for source in result['records'])}."
     if film is not None:
-        lead = f"The film model follows the record to {film[f'rmse_{unit}']:.4g} {unit} RMS. {lead}"
+        lead = f"The film model fits the record to {film[f'rmse_{unit}']:.3g} {unit} RMS. {lead}"
         numbers = [
-            (f"{film[f'rmse_{unit}']:.4g} {unit}", "RMSE of the fit"),
-            (f"{film[f'held_out_rmse_{unit}']:.4g} {unit}", "RMSE on rows that were held out"),
+            (f"{film[f'rmse_{unit}']:.3g} {unit}", "RMSE of the fit"),
+            (f"{film[f'held_out_rmse_{unit}']:.3g} {unit}", "RMSE on held-out rows"),
             (f"{film[f'max_abs_{unit}']:.3g} {unit}", "largest error"),
             (f"{film['active_operators']}", f"operators with weight, {film['kind'].replace('_', ' ')}"),
             (film["memoryless"], "form of D(T)"),
@@ -135,23 +147,29 @@ def _write_identification_page(folder: Path, found: Identified, result: Mapping[
         )
     if film is not None:
         notes = film["identifiability"]
-        parts.append(
-            section("What the record cannot fix", bullets(notes) if notes else paragraph("Nothing of the film."))
-        )
+        parts.append(section(NOT_DETERMINED, bullets(notes) if notes else paragraph("Nothing of the film.")))
     if "plate" in result:
         parts.append(_plate(folder, result["plate"], found.plate_comparisons()))
     write_page(folder / "report.html", "Film and plate from a record", lead, parts)
 
 
+def plate_row(name: str, value: float, half: float | None) -> list[str]:
+    """Return a row of a plate's table. half: of the 95 % interval; None if the record does not determine it."""
+    what, unit = PLATE_PARAMETERS.get(name, (name, ""))
+    if half is None or not math.isfinite(half):
+        return [what, f"{value:.3g}", "\N{EN DASH}", unit]
+    shown, width = value_and_half(value, half)
+    return [what, shown, f"\N{PLUS-MINUS SIGN} {width}", unit]
+
+
 def _plate(folder: Path, plate: Mapping[str, Any], compared: Sequence[PlateComparison]) -> str:
     parameters = [
-        [name, f"{one['value']:.6g}", f"\N{PLUS-MINUS SIGN} {0.5 * np.ptp(one['ci95']):.2g}"]
-        for name, one in plate["parameters"].items()
+        plate_row(name, one["value"], 0.5 * float(np.ptp(one["ci95"]))) for name, one in plate["parameters"].items()
     ]
     figures = [plate_figure(folder, one, f"_{k + 1}" if len(compared) > 1 else "") for k, one in enumerate(compared)]
     kind = "Peltier plate" if plate["kind"] == "peltier" else "heater"
     fitted = (
-        f"The model of a {kind} leaves {plate['rmse_K']:.3g} K RMS, {plate['max_abs_K']:.3g} K at most; "
+        f"Residual of the {kind} model: {plate['rmse_K']:.3g} K RMS, {plate['max_abs_K']:.3g} K at most; "
         f"the thermometer's noise is {plate['noise_K']:.2g} K."
     )
     drive = " (per full drive in the place of A)" if plate["drive"] is not None else ""
@@ -159,7 +177,7 @@ def _plate(folder: Path, plate: Mapping[str, Any], compared: Sequence[PlateCompa
         "The plate",
         paragraph(fitted),
         *figures,
-        table([f"parameter{drive}", "value", "95 %"], parameters),
+        table([f"parameter{drive}", *PLATE_HEAD], parameters),
         bullets(plate["identifiability"]),
     )
 
@@ -170,7 +188,7 @@ def transition_section(
     """Return the section on one record's transition, as `FilmNumbers.shown`. suffix: of the figures' names if a page
     shows several records; curves: its reversal curves, if their diagram is drawn."""
     rows = [[what, value.replace("+-", "\N{PLUS-MINUS SIGN}")] for what, value in shown["rows"]]
-    parts = [table(["what", "value and 95 % interval"], rows), bullets(shown["notes"])]
+    parts = [table(["quantity", "value and 95 % interval"], rows), bullets(shown["notes"])]
     if shown["derivative"]:
         parts.append(derivative_figure(folder, shown["derivative"], f"derivative{suffix}", shown["ylabel"]))
     if curves is None or curves.reason or not np.any(np.isfinite(curves.density)):
@@ -189,8 +207,8 @@ def write_prediction_report(
     for one in errors:
         plate = one.name == "temperature_degC"
         numbers += [
-            (f"{one.rmse:.4g} {one.unit}", "RMSE of the " + ("temperature" if plate else "film's output")),
-            (f"{one.max_abs:.4g} {one.unit}", "largest error"),
+            (f"{one.rmse:.3g} {one.unit}", "RMSE of the " + ("temperature" if plate else "film's output")),
+            (f"{one.max_abs:.3g} {one.unit}", "largest error"),
         ]
         suffix = "_plate" if plate else ""
         over_time = saved(drawn_over_time(time_s, [one]), folder, f"over_time{suffix}")
@@ -204,5 +222,5 @@ def write_prediction_report(
         parts.append(section("The plate's temperature" if plate else "The film", *shown))
     lead = f"{Path(str(result['model'])).name} against {Path(str(result['record'])).name}."
     if not parts:
-        parts.append(paragraph("Nothing to compare: neither readings of the film nor temperature with current."))
+        parts.append(paragraph("Nothing to compare: the record has no film and no temperature with a current."))
     write_page(folder / "report.html", "A prediction and its record", lead, [tiles(numbers), *parts])

@@ -31,7 +31,7 @@ from rig.records.recorded_run import CALIBRATION, LAW, PHASE, RunRows, drive_lab
 from rig.records.run_folder import PREDICTED
 from rig.report.figures import BLUE, COLOURS, EDGE, SHADE, draw_line, legend_above, log_scale, new_figure, saved
 from rig.report.model_figures import draw_residual
-from rig.report.model_pages import transition_section
+from rig.report.model_pages import NOT_DETERMINED, PLATE_HEAD, plate_row, transition_section
 from rig.report.page import bullets, figure, links, paragraph, section, table, tiles, write_page
 from sim.inference.covariance import NORMAL_95
 
@@ -39,15 +39,6 @@ BAND_DEC = 0.05  # 12 % of the resistance: what the eye does not see in a transi
 LONGEST = 160  # characters of an event
 LAST_EVENTS = 12  # what led to the end, on half a screen
 TITLES = {"current_profile": "{drive} profile"}  # else the kind's own name
-UNITS = {
-    "seebeck_over_capacity_per_A_s": ("S/C", "1/(A s)"),
-    "resistance_over_capacity_K_per_A2_s": ("R_e/C", "K/(A\N{SUPERSCRIPT TWO} s)"),
-    "conductance_over_capacity_per_s": ("G/C", "1/s"),
-    "seebeck_slope_per_K": ("relative slope of S", "1/K"),
-    "resistance_slope_per_K": ("relative slope of R_e", "1/K"),
-    "drive_over_capacity_K_per_s": ("heating rate at full drive", "K/s"),
-    "ambient_degC": ("ambient", "\N{DEGREE SIGN}C"),
-}
 
 
 def write_run_page(run: RunRows, out: Path) -> None:
@@ -125,7 +116,7 @@ def _facts(run: RunRows) -> str:
     instruments = ", ".join(f"{one['maker']} {one['model']}" for one in start["instruments"].values())
     simulated = start["settings"]["bench"]["controller"]["port"].startswith("sim://")
     off = "output off, confirmed" if stop.get("output_off_confirmed") else "OUTPUT NOT CONFIRMED OFF"
-    ended = f"Ended: {stop.get('reason', '?')}, {off}." if stop else "Nobody wrote down how it ended."
+    ended = f"Ended: {stop.get('reason', '?')}, {off}." if stop else "How it ended was not recorded."
     where = "SIMULATED rig" if simulated else "real rig"
     text = f"{start['at'][:16].replace('T', ' ')} UTC, {where}: {instruments}. {ended}"
     return paragraph(f"{text} {_punctuality(stop.get('ticks', {}))}".strip(), "note")
@@ -167,7 +158,7 @@ def _write_profile_page(run: RunRows, out: Path) -> None:
     lead = f"{run.rows} rows over {seconds:.0f} s were recorded."
     parts = [section("Courses", _courses(run, out))]
     if (error := target_error(run)) is not None:
-        numbers += [(error.shown_rms, f"RMS error {COUNTED}"), (error.shown_largest, "the largest error of it")]
+        numbers += [(error.shown_rms, f"RMS error {COUNTED}"), (error.shown_largest, "largest error")]
         lead = f"The temperature was within {error.shown_rms} RMS of the wanted one {COUNTED}. {lead}"
         parts.append(section("The error", _error_figure(out, {"temperature": run})))
     kind = str(run.document["start"]["what"])
@@ -228,7 +219,7 @@ def _numbers(
 ) -> list[tuple[str, str]]:
     numbers = [
         (shown_error(mine.rms, mine.unit, 4), f"RMS error {COUNTED}"),
-        (shown_error(mine.max, mine.unit, 3), f"the largest error of it, at {mine.max_at_s:.1f} s"),
+        (shown_error(mine.max, mine.unit, 3), f"largest error, at {mine.max_at_s:.1f} s"),
     ]
     if math.isfinite(mine.current_at_limit):
         share = 100 * mine.current_at_limit
@@ -242,7 +233,7 @@ def _numbers(
             (f"{20 * math.log10(float(margins['gain_margin'])):.1f} dB", "gain margin"),
         ]
     if calibration is not None:
-        numbers.append((f"{calibration['check_rmse_dec']:.4f} dec", "calibration, held-out RMSE"))
+        numbers.append((f"{calibration['check_rmse_dec']:.4f} dec", "held-out RMSE of the calibration"))
     return numbers
 
 
@@ -266,8 +257,7 @@ def _loop(run: RunRows, what: Tracked, out: Path, own: str) -> str:
     axes[0].legend(loc="best")
     return figure(
         saved(fig, out, "loop"),
-        f"{what.name.capitalize()} over temperature: every turning point of the target is a minor loop that the "
-        "inverse had to cross.",
+        f"{what.name.capitalize()} over temperature: each turning point of the target begins a minor loop.",
     )
 
 
@@ -299,13 +289,13 @@ def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Ma
     in_ohm = tracked(run).in_ohm
     what = f"measured - wanted {'log10 R' if in_ohm else tracked(run).name}"
     texts = [
-        f"Errors are {what}, counted {COUNTED}; conditioning, the way to the first "
-        "value and the time to settle on it come before. All laws began from the same temperature on the same branch "
-        "of the loop.",
+        f"Errors are {what}, counted {COUNTED}. Conditioning, the approach to the first "
+        "value and the time to settle on it are not counted. All laws began at the same temperature on the same "
+        "branch of the loop.",
     ]
     if own in ("feedforward", "instrument_pid"):
         loops = {"feedforward": "No loop is closed", "instrument_pid": "The loop is closed by the controller's own PID"}
-        texts.append(f"{loops[own]} under this law, so that there are no margins to report.")
+        texts.append(f"{loops[own]} under this law, so there are no margins to report.")
         return [paragraph(text, "note") for text in texts]
     ms, unit = f"{design['margins']['ms']:.2f}", drive_label(run)[1].replace("of full", "full")
     texts.append(
@@ -316,8 +306,8 @@ def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Ma
         f"film's steepest slope" + (f", {design['process_gain']:.3g} decades per {unit} and second." if in_ohm else ".")
     )
     if calibration is not None:
-        doubts = "; ".join(calibration.get("identifiability", [])[:2])
-        texts.append(f"The controller knows only what the calibration gave: see its report. {doubts}")
+        doubts = " ".join(calibration.get("identifiability", [])[:2])
+        texts.append(f"The law uses the model of the calibration (see its report). {doubts}")
     return [paragraph(text, "note") for text in texts]
 
 
@@ -373,10 +363,13 @@ def _write_calibration_page(run: RunRows, out: Path) -> None:
         (f"{result['rmse_dec']:.4f} dec", "RMSE of the fit"),
         (f"{result['check_rmse_K'] * 1e3:.0f} mK", f"held-out RMSE of the temperature from the {drive_label(run)[0]}"),
         (f"{low:.0f}\N{EN DASH}{high:.0f} \N{DEGREE SIGN}C", "the transition"),
-        (result["memoryless"], "form of D(T)"),
+        (result["memoryless"], "form of D(T), the part of log R without memory"),
         (str(result["operators"]), "play operators with weight"),
     ]
-    rows = [_parameter(one) for one in result["plate"]]
+    rows = [
+        plate_row(one["name"], one["value"], None if (error := one["standard_error"]) is None else NORMAL_95 * error)
+        for one in result["plate"]
+    ]
     doubts = result["identifiability"]
     predicted = _predicted(run.part / PREDICTED, run.rows)
     film = [_loops(run, out, predicted)]
@@ -388,20 +381,12 @@ def _write_calibration_page(run: RunRows, out: Path) -> None:
         section("The film", *film),
         *([transition_section(out, result["transition"])] if result.get("transition") else []),
         section(
-            "What this record cannot fix",
-            bullets(doubts) if doubts else paragraph("Nothing: it fixes the film and the plate."),
+            NOT_DETERMINED,
+            bullets(doubts) if doubts else paragraph("Nothing: it determines film and plate."),
         ),
-        section("The plate", table(["parameter", "value", "95 %", "unit"], rows), _courses(run, out)),
+        section("The plate", table(["parameter", *PLATE_HEAD], rows), _courses(run, out)),
     ]
     write_page(out / "report.html", f"{run.path.name}: film and plate", lead, parts)
-
-
-def _parameter(one: dict[str, Any]) -> list[str]:
-    """Return a row of the plate's table."""
-    name, unit = UNITS.get(one["name"], (one["name"], ""))
-    error = one["standard_error"]
-    interval = f"\N{PLUS-MINUS SIGN} {NORMAL_95 * error:.2g}" if error is not None else "\N{EN DASH}"
-    return [name, f"{one['value']:.6g}", interval, unit]
 
 
 def _predicted(path: Path, rows: int) -> Array | None:

@@ -1,4 +1,4 @@
-"""The report of `peltier tune`: the margins over the film's slopes, Nyquist's curves, the sensitivity."""
+"""The report of `peltier tune`: margins over the film's slope, Nyquist curves, sensitivity."""
 
 from __future__ import annotations
 
@@ -28,10 +28,13 @@ def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], foun
     parts = [
         tiles(
             [
-                (f"{max(r.margins.ms for r in found.rows if r.ratio <= 1.5):.2f}", "Ms, slope ratios 0.6 to 1.5"),
+                (
+                    f"{max(r.margins.ms for r in found.rows if r.ratio <= 1.5):.2f}",
+                    "maximum sensitivity Ms, slope ratios 0.6 to 1.5",
+                ),
                 (f"{worst:.2f}", "Ms at all ratios"),
-                (f"{found.rings_at_ratio:.2f}", "slope ratio from which it rings on"),
-                (f"{found.rings_at_gain:.2f}", "plate's answer from which it rings on"),
+                (f"{found.rings_at_ratio:.2f}", "slope ratio at which the loop is unstable"),
+                (f"{found.rings_at_gain:.2f}", "plate gain, relative to the model's, at which the loop is unstable"),
             ]
         ),
         section(f"The loop, broken at the {place}", _figure(folder, found)),
@@ -47,11 +50,11 @@ def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], foun
 
 
 _MEANING = (
-    "A film is steeper or flatter than its model on minor loops, and no model has the right slope everywhere. Ms is "
-    "the largest sensitivity: 1 / Ms is the least distance of the loop from -1, where it rings on. The gain margin is "
-    "what the loop's gain, the disk margin what gain and phase together may be wrong by. Each number is the worst of "
-    "the film's way up and its way down, with a quiet and with a usual thermometer. A film at rest is shown, and not "
-    "judged: the resistance is not fed back within the band, and beyond it the film is on its way."
+    "Slope ratio: slope of the film over that of its model; they differ on minor loops. Ms: largest sensitivity; 1 / Ms "
+    "is the smallest distance of the loop's Nyquist curve from -1. The gain margin is the factor by which the loop's "
+    "gain may be wrong, the disk margin the factor and the phase by which both may be wrong together. Each number is "
+    "the worst of heating and cooling branch, with a quiet and with a typical thermometer. A film at rest is drawn "
+    "without a limit: within the dead band the resistance is not fed back."
 )
 
 
@@ -61,7 +64,7 @@ def _table(found: WholeLaw) -> str:
         "gain margin",
         "phase margin / deg",
         "Ms",
-        "Ms asked",
+        "largest allowed Ms",
         "Ms at the ohmmeter",
         "disk: gain, phase",
     ]
@@ -81,8 +84,8 @@ def _table(found: WholeLaw) -> str:
 
 
 def _figure(folder: Path, found: WholeLaw) -> str:
-    """Draw Nyquist's curve and |S| of the point with the least margins at each of some ratios; return the page's
-    figure."""
+    """Draw Nyquist curve and |S| at the operating point with the smallest margins, for some slope ratios; return the
+    page's figure."""
     fig, axes = grid(1, 2, 4.4)
     nyquist, bode = axes[0]
     omega = frequencies(found.timing.period_s)
@@ -107,6 +110,7 @@ def _figure(folder: Path, found: WholeLaw) -> str:
     )
     bode.legend(loc="upper left")
     caption = (
-        "The whole loop's curve keeps out of the circle about -1 of radius 1 / Ms; |S| is what it makes of an error."
+        "Left: Nyquist curves of the whole loop, and the circles of radius 1 / Ms about -1 that they must not "
+        "enter. Right: sensitivity, the factor by which the loop changes an error at each frequency."
     )
     return figure(saved(fig, folder, "margins"), caption)

@@ -69,7 +69,9 @@ def diagnose(
     possible = [effect for effect in known.values() if sparse is None or effect.before_film]
     warnings: list[Caution] = []
     with threadpool_limits(limits=1):
-        say(f"fitting a {' or '.join(kinds)} plate" if record.current_A is not None else "fitting the film")
+        plate = " or ".join("Peltier plate" if kind == "peltier" else "heater" for kind in kinds)
+        driven = record.current_A is not None
+        say(f"fitting the base model of a {plate}" if driven else "fitting the base film model")
         search = Search(possible, say, names, false_alarm, lambda: clock() > search_ends_s)
         chosen = selected(record, kinds, assumed, search)
         if clock() > search_ends_s and budget_s is not None:

@@ -32,7 +32,7 @@ CLEAN_RECORDS: Final = 300  # no smaller rate than one of so many is stated: wha
 MOST_CANDIDATES: Final = 3  # sets that are shown: more are not read
 LEAST_GAIN: Final = 0.02  # of an error, below which a set that is not named is no news
 SHOWN: Final = 0.002  # of a channel's error: an effect that changes less of it does not show there
-NOT_NAMED_LEFT: Final = "more is left over than this effect explains"
+NOT_NAMED_LEFT: Final = "the residual is larger than what this effect explains"
 NOT_NAMED_VAGUE: Final = "likely, but the record does not fix its size"
 ON_THE_WAY: Final = "fits better, but by less than the price of its parameters"
 
@@ -58,7 +58,7 @@ def judged(
     if record.early > 0.0:
         # a current that changed between the rows is in none of them, and its heat is no residual structure
         left.pop("temperature", None)
-    say("held-out rows")
+    say("computing errors in held-out rows")
     before, after = errors_in(base, record.held_out), errors_in(fit, record.held_out)
     rest = {name: errors_in(one, record.held_out) for name, one in less.items() if not over()}
     own = _Units(record)
@@ -78,12 +78,12 @@ def judged(
     if (rounding := _rounding(fit, search)) is not None:
         findings.append(rounding)
     findings.sort(key=lambda f: -f.evidence)
-    say("upper limits")
+    say("computing upper limits")
     limits = () if over() else tuple(upper_limits(fit, search))
     unexplained = {own.key(c): _in_words(left.get(name), fit, name, own) for c, name in own.channels.items()}
     candidates: tuple[Candidate, ...] = ()
     if not over():
-        say("candidates")
+        say("judging candidates")
         likely = [
             _candidate({name: all_sizes[name]}, own.gains(rest[name], after), NOT_NAMED_VAGUE, fit)
             for name in vague
@@ -262,4 +262,4 @@ def _in_words(share: float | None, fit: Fit, channel: str, own: _Units) -> str |
     noise, size, unit = fit.metric.channels[channel == "output"].noise, own.size(key), own.unit(key)
     slow = noise.slow if noise.slow > 0.0 else share * noise.white
     beyond = f"{size * slow:.2g} {unit} beyond the noise of {size * noise.white:.2g} {unit}"
-    return f"{beyond}, over about {noise.tau_s:.2g} s"
+    return f"{beyond}, correlated over about {noise.tau_s:.2g} s"

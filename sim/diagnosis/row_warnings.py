@@ -1,6 +1,6 @@
-"""What the rows of a record show by themselves: a saturated heat sink, gaps, uneven steps, readings that are none.
+"""What the rows of a record show by themselves: a saturated heat sink, gaps, uneven steps, impossible readings.
 
-Of several records that are diagnosed as one, each by itself: its own gaps, its own rows, the times of its own file.
+Several records that are diagnosed as one are checked one by one: own gaps, own rows, times of the own file.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def _saturated_sink(record: Record, part: slice) -> Iterator[Caution]:
 
 
 def _gaps(record: Record, part: slice) -> Iterator[Caution]:
-    """Of rows that are missing, and of rows that do not tell the current: what was commanded there is not known."""
+    """Of missing rows, and of rows without a current: what was commanded there is not known."""
     after = record.gaps_in(part)
     if after.size:
         anew = int(np.sum((record.first_rows > part.start) & (record.first_rows < part.stop)))
@@ -68,7 +68,8 @@ def _gaps(record: Record, part: slice) -> Iterator[Caution]:
         missing = int(np.sum(steps > gap_threshold(np.diff(record.file_s[part]))))
         every = missing == after.size
         where = "the rows" if every else "the rows or in their currents" if missing else "the rows' currents"
-        text = f"{after.size} gap{'s' * (after.size > 1)} in {where}, the longest of {float(np.max(steps)):.3g} s"
+        longest = "of" if after.size == 1 else "the longest of"
+        text = f"{after.size} gap{'s' * (after.size > 1)} in {where}, {longest} {float(np.max(steps)):.3g} s"
         yield Caution("gaps", f"{text}{_begun_anew(after.size, anew)}")
 
 
@@ -77,7 +78,7 @@ def _begun_anew(gaps: int, anew: int) -> str:
     if not anew:
         return ", simulated across"
     after = "it" if gaps == 1 else "each" if anew == gaps else f"{anew} of them"
-    return f": after {after} the temperature is begun anew"
+    return f": after {after} the temperature is fitted anew"
 
 
 def _uneven(record: Record, part: slice) -> Iterator[Caution]:

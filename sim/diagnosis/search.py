@@ -99,7 +99,8 @@ class Search:
             for start in self.promising(ranked, fit, max(stands_for, 0.0) + worth):
                 tried.append(self.fitted(fit, start.scaled(), metric))
                 gain = tried[-1].log_likelihood - fit.log_likelihood
-                self.say(f"tried {described(start.effect, tried[-1])}: log-likelihood {gain:+.0f}")
+                gained = f"log-likelihood gain {gain:.0f}" if gain > 0.0 else "no gain"
+                self.say(f"tried {described(start.effect, tried[-1])}: {gained}")
         best: Fit | None = None
         for first in sorted(tried, key=self.value, reverse=True)[:FINISHED]:
             if best is not None and self.gain(first, fit) < BEHIND * self.gain(best, fit):
@@ -219,7 +220,7 @@ class Search:
     def run(self, fit: Fit) -> Fit:
         """The best set and form of film, from a fit on."""
         self.keep(fit)
-        self.say(f"set: {named(fit)}")
+        self.say(f"effects so far: {named(fit)}")
         anew = tried = other_film = False
         while len(fit.effects) < MOST_EFFECTS + len(self.assumed) and not self.over():
             fit = self.finer(fit)
@@ -238,7 +239,7 @@ class Search:
             if better is None:
                 break
             fit = better
-            self.say(f"set: {named(fit)}")
+            self.say(f"effects so far: {named(fit)}")
         return self.exchanged(fit)
 
     def larger(self, fit: Fit) -> Fit | None:
@@ -276,7 +277,7 @@ class Search:
                     if self.worth_of_film(fits[-1]) <= self.worth_of_film(fits[-2]):
                         break
         for other in fits:
-            self.say(f"tried a Preisach film with: {named(other)}")
+            self.say(f"tried a Preisach film, effects: {named(other)}")
         return max(fits, key=self.worth_of_film, default=None)
 
     def of_film(self, other: Fit | None, fit: Fit) -> Fit | None:
@@ -294,7 +295,7 @@ class Search:
             weakest, effect = min(less, key=lambda pair: self.gain(fit, pair[0]) - self.cost_of(fit, [pair[1]]))
             if self.gain(fit, weakest) >= self.cost_of(fit, [effect]):
                 break
-            self.say(f"without {effect.name}: worth less than its price")
+            self.say(f"dropped {effect.name}: it gains less than its price")
             fit = weakest
         return fit
 
@@ -324,7 +325,7 @@ class Search:
         """The better of two fits."""
         if other is None or self.value(other) <= self.value(fit) + 1.0:
             return fit
-        self.say(f"exchanged for: {named(other)}")
+        self.say(f"effects after an exchange: {named(other)}")
         return other
 
 
@@ -381,4 +382,4 @@ def described(effect: Effect, fit: Fit) -> str:
 
 def named(fit: Fit) -> str:
     """The effects of a fit with their parameters, for a line of progress."""
-    return ", ".join(described(effect, fit) for effect in fit.effects) or "no effect"
+    return ", ".join(described(effect, fit) for effect in fit.effects) or "none"

@@ -37,8 +37,8 @@ def warnings_of(
         found.append(Caution("current_between_rows", text))
     if "output" in left:
         text = (
-            "the film's residual has structure, by a cause that is not in the catalogue or a film of another kind: "
-            "limits and intervals of effects on film and ohmmeter may be too narrow"
+            "the film's residual has structure: its cause is not in the catalogue, or the film model does not fit this "
+            "film; limits and intervals of effects on film and ohmmeter may be too narrow"
         )
         found.append(Caution("film_not_described", text))
     else:
@@ -57,7 +57,7 @@ def _hidden(limit: UpperLimit, known: Mapping[str, Effect]) -> bool:
 def _absorbed(limit: UpperLimit) -> Caution:
     side = "above" if limit.from_below else "below"
     size = "of any typical size" if limit.limit is None else f"with {limit.parameter} {side} {rough(limit.limit)}"
-    text = f"{limit.name} {size} would not show: the film's own shape absorbs it"
+    text = f"{limit.name} {size} would not show: the fitted film absorbs it"
     return Caution("absorbed_by_the_film", text)
 
 
@@ -98,13 +98,13 @@ def _coloured_noise(record: Record, fit: Fit) -> list[Caution]:
     if not own:
         return []
     text = (
-        f"the noise is correlated in time, as behind a filter or with 1/f noise: {' and '.join(own)}. What is slow and "
-        "no larger than that would not have shown"
+        f"the noise is correlated in time, as behind a filter or with 1/f noise: {' and '.join(own)}. Slow effects no "
+        "larger than that would not have been seen"
     )
     return [Caution("coloured_noise", text)]
 
 
 def out_of_time(seconds: float) -> Caution:
     """Return the warning of a search that its time cut short."""
-    text = f"the search was ended by its budget of {seconds:.3g} s: this is the best until then; more time may say more"
+    text = f"the search was ended by its budget of {seconds:.3g} s: this is the best result until then"
     return Caution("out_of_time", text)

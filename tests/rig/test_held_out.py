@@ -64,7 +64,7 @@ def test_the_error_said_is_the_error_got(tmp_path: Path, peltier: Peltier, said:
     as_it_is = predicted()
     assert as_it_is["rmse_K"] > 1.0  # type: ignore[operator]  # in the room of the day before
     (note,) = as_it_is["notes"]  # type: ignore[misc]
-    assert "the room is the model's, 2" in note
+    assert "room temperature taken from the model, 2" in note
     assert "--initial fitted" in note
     longer = predicted("--initial", "fitted", "--first", "120")
     assert longer["rows_K"] == TIME.size - 241

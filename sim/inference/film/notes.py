@@ -1,4 +1,4 @@
-"""What a film's records cannot fix, in plain words, and which profile would fix it."""
+"""Sentences on what records do not determine of a film model, and which profile would determine it."""
 
 from __future__ import annotations
 
@@ -45,8 +45,7 @@ def determined_combinations(operators: Array, weights: Array, noise: float) -> i
 
 
 def memoryless_rms(path: Path) -> float:
-    """Return what is left of the output when only the temperature, not the history, may explain it: local means in
-    bins, with the trend inside a bin taken out."""
+    """Return the RMS residual of a model without hysteresis: straight lines over the temperature, one in each bin."""
     v, y = path.inputs[path.rows], path.output
     order = np.argsort(v, kind="stable")
     square, count = 0.0, 0
@@ -72,7 +71,7 @@ def film_notes(
     parameters: float,
     rmse: float,
 ) -> tuple[str, ...]:
-    """Return sentences, one for each thing that the records leave open; empty if they fix the model.
+    """Return sentences, one for each thing that the records do not determine.
 
     starts: what the film remembers of each record's beginning and gaps; operators: play outputs at the readings, shape
     (readings, operators); parameters: number that were fitted.
@@ -95,7 +94,7 @@ def film_notes(
         crossed = np.ptp(np.clip(v[moving], *inside)) if np.any(moving) else 0.0
         if crossed < 0.5 * (inside[1] - inside[0]):
             one_way.append(
-                f"No {word} sweep through the transition: the {word} envelope is hardly fixed. "
+                f"No {word} sweep through the transition: the {word} envelope is hardly determined. "
                 f"Sweep through {inside[0]:.1f} to {inside[1]:.1f} degC in both directions."
             )
     notes += one_way
@@ -121,9 +120,10 @@ def _gaps(record: Prepared, start: FilmStart) -> list[str]:
     if not record.gaps.size:
         return []
     count, longest_s = record.gaps.size, float(np.max(record.gap_s))
-    seen = f"{record.name}: {count} gap{'s' * (count > 1)} in time, the longest of {longest_s:.3g} s: "
+    longest = "of" if count == 1 else "the longest of"
+    seen = f"{record.name}: {count} gap{'s' * (count > 1)} in time, {longest} {longest_s:.3g} s: "
     if not record.unseen.size:
-        return [f"{seen}too short for the temperature to have turned round; in between it is taken as monotone."]
+        return [f"{seen}too short for the temperature to have reversed; it is taken as monotone in between."]
     looked = record.longest_unseen.size
     after = "it" if count == 1 else "each" if looked == count else f"the {looked} longest" if looked > 1 else "that one"
     made = f"{seen}the temperature in between is unknown, so the film's memory after {after} is estimated anew"
@@ -143,8 +143,8 @@ def _repeats(record: Prepared) -> list[str]:
     times = 1.0 + record.repeated.size / max(fresh, 1)
     return [
         f"{record.name}: each reading of the output stands in {times:.1f} rows on average: its meter is slower than "
-        f"the rows. Repeated values count as one reading, in the row in which they come first: {fresh} are left. Ask "
-        "the meter less often, or let it average over less."
+        f"the rows. Repeated values count as one reading, in the row in which they come first: {fresh} are left. Read "
+        "the meter less often, or shorten its averaging."
     ]
 
 
@@ -155,29 +155,33 @@ def _no_hysteresis(low: float, high: float, middle: float | None) -> str:
     if middle is not None:
         return (
             f"{seen}, though the output changes about {middle:.1f} degC and little at either end: the film has none, "
-            "or less than this noise shows. Temperature alone tells the output; envelopes and weights are not fixed."
+            "or less than this noise shows. Temperature alone determines the output; envelopes and weights are "
+            "not determined."
         )
     return (
-        f"{seen}: the film has none, or the record does not cross the transition, and neither envelopes nor weights "
-        "are fixed. Sweep from well below to well above it and back."
+        f"{seen}: the film has none, or the record does not cross the transition, and neither envelopes nor "
+        "weights are determined. Sweep from well below to well above it and back."
     )
 
 
 def _minor_loops(turned: Array, inside: tuple[float, float], one_way: bool, known: int, weights: int) -> list[str]:
-    """Return what reversals inside the transition leave open. turned: their temperatures, degC; inside: the
-    transition's ends, degC; known: how many combinations of the weights the readings fix."""
+    """Return a sentence if too few reversals lie inside the transition, else nothing.
+
+    turned: temperatures of the reversals, degC; inside: the transition's ends, degC; known: how many combinations of
+    the weights the readings determine.
+    """
     several = f"reversals at ten or more temperatures between {inside[0]:.1f} and {inside[1]:.1f} degC"
     if turned.size == 0:
         return [
             f"{'One way only' if one_way else 'A major loop only'}: no reversal lies inside the transition "
-            f"({inside[0]:.1f} to {inside[1]:.1f} degC), so the {weights} weights "
-            "are tied together by the loop's shape alone and minor loops are not fixed. "
+            f"({inside[0]:.1f} to {inside[1]:.1f} degC), so only the loop's shape determines "
+            f"the {weights} weights, and minor loops are not determined. "
             f"Record first-order reversal curves or a decaying oscillation with {several}."
         ]
     if turned.size >= ENOUGH_REVERSALS:
         return []
     where = ", ".join(f"{value:.1f}" for value in turned)
-    fixed = f"about {known} combinations of {weights} weights are fixed, " if known < weights else ""
+    fixed = f"about {known} combinations of {weights} weights are determined, " if known < weights else ""
     return [
         f"Reversals at {turned.size} temperature{'s' * (turned.size > 1)} only inside the transition "
         f"({where} degC): {fixed}minor loops elsewhere are extrapolated. Record {several}."

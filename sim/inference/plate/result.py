@@ -76,8 +76,8 @@ def plate_notes(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], 
         times = fit.rmse_K / max(fit.noise.white, LEAST_NOISE_K)
         note = (
             f"The model is off by {fit.rmse_K:.2g} K (RMS), {times:.0f} times the thermometer's noise: something is "
-            "missing, such as a heat sink that warms up or a thermometer that lags, or a column is not what it is "
-            "taken for. The numbers are off by more than their intervals say."
+            "missing, such as a heat sink that warms up or a thermometer that lags, or a column is misread. The "
+            "parameters' errors are larger than their intervals."
         )
         if fit.model.kind == "peltier":
             less_K = refit(-current_A, "peltier").rmse_K
@@ -156,7 +156,7 @@ def _left_open(fit: PlateFit, current_A: Array) -> list[str]:
             )
         elif name == "ambient_degC" and error > 3.0:
             known = f"+- {NORMAL_95 * error:.1f} K (95 %)"
-            notes.append(f"ambient_degC is known to {known} only; a rest at zero current would fix it.")
+            notes.append(f"ambient_degC is known to {known} only; a rest at zero current would determine it.")
         elif name != "ambient_degC" and error > 0.3 * abs(value):
             share = 100.0 * NORMAL_95 * error / max(abs(value), 1e-300)
             notes.append(f"{name} is known to +- {share:.0f} % (95 %) only.")

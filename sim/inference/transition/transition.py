@@ -269,10 +269,10 @@ def _shape(
     assert steepest.ci95 is not None
     half = place - steepest.ci95[0]
     if half > UNSURE * width:
-        steepest = untold(f"it is steepest at {place:.1f} +- {half:.1f} degC, known no better")
+        steepest = untold(f"the steepest point, {place:.1f} +- {half:.1f} degC, is too uncertain")
     elif not low + 0.5 * width < place < high - 0.5 * width:
         end = low if peak - low < high - peak else high
-        steepest = untold(f"it is steepest at {peak:.1f} degC, where the record ends at {end:.1f} degC")
+        steepest = untold(f"the steepest point, {peak:.1f} degC, is too close to the record's end at {end:.1f} degC")
     every = window_slopes(degC, degC, window)
     return BranchShape(
         branch,
@@ -363,12 +363,12 @@ def _width(x: Array, slope: Array, drawn: Array) -> Quantity:
     if found is None:
         k = int(np.argmax(slope))
         side = x[0] if _half_way(x[:k][::-1], slope[:k][::-1], slope[k]) is None else x[-1]
-        return untold(f"the derivative is above half of its maximum still at {side:.1f} degC, where the record ends")
+        return untold(f"the record ends at {side:.1f} degC, where the derivative is still above half of its maximum")
     draws = [_full_width(x, one) for one in drawn]
     quantity = told(found, np.array([found if one is None else one for one in draws]))
     assert quantity.ci95 is not None
     if quantity.ci95[0] <= 0.0:
-        return untold(f"noise: the width is {found:.2g} +- {found - quantity.ci95[0]:.2g} K, which may be none")
+        return untold(f"the width, {found:.2g} +- {found - quantity.ci95[0]:.2g} K, is not distinguishable from zero")
     return quantity
 
 
@@ -377,7 +377,7 @@ def _numbers(
 ) -> tuple[dict[str, Quantity], dict[Sense, BranchShape], Activation | None]:
     found: dict[str, Quantity] = {}
     middles: dict[Sense, Array] = {}
-    missing = {sense: f"no run of {sense} goes through {WHOLE:.0%} of the record's range at once" for sense in SENSES}
+    missing = {sense: f"no single {sense} ramp crosses {100.0 * WHOLE:.0f} % of the record's range" for sense in SENSES}
     for sense in SENSES:
         shape = shapes.get(sense)
         found[f"{sense}_degC"] = shape.steepest_degC if shape else untold(missing[sense])
@@ -418,7 +418,7 @@ def _activation(shapes: Sequence[BranchShape]) -> Activation:
     """
     known = [(shape.steepest_degC.value, shape.width_K.value) for shape in shapes]
     if any(c is None or w is None for c, w in known):
-        return Activation(untold("where the transition ends is not known"))
+        return Activation(untold("the cold end of the transition is not known"))
     cold = float(shapes[0].output[-1] - shapes[0].output[0]) > 0.0  # the insulator is at the cold end
     feet = [c - FOOT_WIDTHS * w if cold else c + FOOT_WIDTHS * w for c, w in known if c is not None and w is not None]
     degC = shapes[0].degC

@@ -51,7 +51,7 @@ def test_identify_and_predict(peltier: Callable[..., tuple[int, str, str]], meas
     mapping = [word for column in COLUMNS for word in ("--column", column)]
     status, out, err = peltier("identify", record, *mapping, "--out", tmp_path / "film.toml")
     assert (status, err) == (0, "")
-    assert "minor loops are not fixed" in out
+    assert "minor loops are not determined" in out
     status, _, _ = peltier("predict", tmp_path / "film.toml", record, *mapping, "--json", tmp_path / "p.json")
     assert status == 0
     assert json.loads((tmp_path / "p.json").read_text())["rmse_dec"] <= 0.06

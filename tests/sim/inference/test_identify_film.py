@@ -264,7 +264,7 @@ def test_what_a_major_loop_leaves_open_is_told() -> None:
     v = through([95.0, 25.0, 95.0], 1200)
     y = outputs(film, v) + NOISE * np.random.default_rng(1).normal(size=v.size)
     loop = identify_film(np.arange(1200.0), v, y)
-    assert any("minor loops are not fixed" in note for note in loop.identifiability)
+    assert any("minor loops are not determined" in note for note in loop.identifiability)
     rich = identify_film(*record(1)[:3])
     assert rich.identifiability == ()
     cold = through([25.0, 45.0, 25.0, 45.0], 800)
@@ -313,7 +313,7 @@ def test_the_measured_film(measured: tuple[np.ndarray, ...]) -> None:
     plain = identify_film(time, temperature, y, kind="extended_generalized_pi")
     assert plain.rmse < 0.06
     assert identify_film(time, temperature, y, kind="generalized_pi").rmse < 0.15
-    assert any("minor loops are not fixed" in note for note in fit.identifiability)
+    assert any("minor loops are not determined" in note for note in fit.identifiability)
 
 
 def test_half_of_the_measured_film_predicts_the_other(measured: tuple[np.ndarray, ...]) -> None:
