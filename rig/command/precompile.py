@@ -1,8 +1,8 @@
-"""peltier precompile: compile ahead what would be compiled at its first use.
+"""peltier precompile: compile the numerical code now, which is else compiled at its first use.
 
-The control law and the simulated plate, and the loops of identify, predict, invert and diagnose, which are used on a
-simulated record for that. The compiled loops are kept on disk; the first command after a set-up or an update then
-begins at once. `./peltier` does this in the background after a set-up.
+This is the code of control law and simulated plate, and of identify, predict, invert and diagnose, which are run on a
+simulated record for that. It is kept on disk, so that the first command after a set-up or an update begins at once.
+`./peltier` does this in the background after a set-up.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
-"""Repetitions of a tracking run: what one has taught about the course goes into the next.
+"""Repetitions of a tracking run: each uses the errors that earlier ones measured along the target.
 
-    model_lacks   what the film model lacks of the output (`compensator.control.repetition`): taken off the readings
-                  and off the target, so that the law goes by a film that its model describes
-    correction    of a law without a film model, and of a model with effects on the ohmmeter, whose own output is not
-                  what is read: what one repetition missed is added to the target (`compensator.control.repetition`)
+    model_lacks   error of the film model over time (`compensator.control.repetition`), subtracted from readings and
+                  target, so that the law controls a film that its model describes
+    correction    tracking error over time, added to the target: for a law without a film model, and for a model with
+                  effects on the ohmmeter, whose output is not the reading
 
-    correction.csv   in a run's folder: what was used (time_s, and model_lacks_dec or correction_dec, on -log10 R)
-    learned.csv      what the next repetition would use
+    correction.csv   in a run's folder: the correction that was used (time_s, and model_lacks_dec or correction_dec, on
+                     -log10 R)
+    learned.csv      the correction for the next repetition
 
-What made the error larger is given up: what was used with the smallest error is then used to the end.
+If a correction makes the error larger, the one with the smallest error is used for all further repetitions.
 """
 
 from __future__ import annotations
@@ -37,13 +38,13 @@ WORSE: Final = 1.05  # of the smallest error: two runs with the same correction 
 
 
 def read_correction(path: Path) -> Target:
-    """Read what a run has learned; its quantity is what it was learned of. Raises Faults."""
+    """Read the correction that a run has learned. Raises Faults."""
     record = read_record(path, needs=(), options=False)
     for quantity in (MODEL_LACKS, CORRECTION):
         if record.has(f"{quantity}_dec"):
             values = np.nan_to_num(record[f"{quantity}_dec"])
             return Target(quantity, record["time_s"], np.clip(values, -LARGEST_DEC, LARGEST_DEC))
-    raise fault(path, f"{MODEL_LACKS}_dec", "missing; expected what a run has learned")
+    raise fault(path, f"{MODEL_LACKS}_dec", "missing; expected a file learned.csv of a run")
 
 
 def write_correction(path: Path, correction: Target) -> None:
@@ -52,13 +53,13 @@ def write_correction(path: Path, correction: Target) -> None:
 
 
 def learns_of(law: LawName, model: Model) -> str:
-    """Return what a law learns of with this model: `MODEL_LACKS` or `CORRECTION`."""
+    """Return the kind of correction of a law with this model: `MODEL_LACKS` or `CORRECTION`."""
     by_its_film = law != "pid" and all(e.effect.link != "ohmmeter" for e in model.switched())
     return MODEL_LACKS if by_its_film else CORRECTION
 
 
 def nothing_learned(quantity: str, target: Target, period_s: float) -> Target:
-    """Return zero all along the target: if a run without a correction was the best, the next one begins there."""
+    """Return a correction of zero along the target."""
     grid: Array = np.arange(0.0, target.duration_s, period_s)
     return Target(quantity, grid, np.zeros(grid.size))
 
@@ -81,7 +82,7 @@ def next_correction(run: RunFolder, target: Target, used: Target, period_s: floa
 
 
 def lacked(run: RunFolder, target: Target, used: Target) -> tuple[Array, Array]:
-    """Return when the ohmmeter was read (s of the target), and what the model lacked then beyond what was known."""
+    """Return the times of the ohmmeter's readings (s of the target), and the model's error beyond the correction."""
     inside = run.column("phase") == TRACK
     time, read_s, acts_s, ohm, model_ohm = (
         run.column(name)[inside]
@@ -101,8 +102,10 @@ def lacked(run: RunFolder, target: Target, used: Target) -> tuple[Array, Array]:
 
 @dataclass
 class Learning:
-    """What the repetitions so far have taught. quantity: of what (`learns_of`). best_rms_dec: the smallest error, with
-    `best`; over: nothing more is learned."""
+    """The corrections of the repetitions so far.
+
+    quantity: their kind (`learns_of`). best_rms_dec: the smallest error, with `best`. over: True if no more is learned.
+    """
 
     quantity: str = MODEL_LACKS
     next: Target | None = None

@@ -2,7 +2,7 @@
 
 condition  to the hot end, so that the film's memory is known (after an outage it is not)
 approach   down to the first target, the same for every law, so that laws are compared from the same place
-           (neither where `experiment.memory` says to begin where the film is)
+           (both are left out if `experiment.memory` is "estimate" or "assume")
 settle     the law itself on the first target
 track      the target
 """
@@ -113,11 +113,11 @@ def design_document(design: Design) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a tracking run needs, made before anything is switched on.
+    """The laws, target and inverse of a tracking run, made before the output is switched on.
 
     law: the one that tracks, with its design; mover: for the way to the first target. own: the target as the film's own
-    output, inverse: of the film, both in the law's units. branches: the way to go, where a target has several
-    temperatures and the nearest is not the one. correction: what is added to the target (`rig.experiment.repetitions`).
+    output, inverse: of the film, both in the law's units. branches: the laws for heating and for
+    cooling, if a target has several temperatures. correction: is added to the target (`rig.experiment.repetitions`).
     """
 
     name: LawName

@@ -5,9 +5,9 @@ closes a frame that was left half-written. A port that cannot be opened (an adap
 again for some seconds. A controller that does not confirm is not asked again and again, because every frame feeds its
 dead man: see `rig.safety.switching_off`.
 
-If the output is not confirmed off in the end, the user is told to switch the controller off by hand, and a detached
+If the output is still not confirmed off, a message tells the user to switch the controller off by hand, and a detached
 process (`keep_trying`) goes on for a minute. It holds the port, so that nothing else starts there (exit status 75 names
-it), and reports nothing, so that nobody hears anything else. Between two trials it is silent for longer than the
+it), and prints nothing, so that the message stands. Between two trials it is silent for longer than the
 controller's dead man. `peltier off` ends it and tries itself. Without fork there is no such process.
 """
 
@@ -52,7 +52,7 @@ class Held:
 
 
 def prepare(held: Held) -> None:
-    """Import everything that `switch_off` needs now: the disk may be gone then."""
+    """Import now everything that `switch_off` will need: the disk may be gone by then."""
     from rig.core.clock import RealClock  # noqa: F401
 
     driver_of(held)
@@ -147,7 +147,7 @@ def keep_trying(held: Held, seconds: float = KEEP_TRYING_S) -> None:
 
 
 def end_trying(pid: int | None) -> bool:
-    """End such a process, if it is one and may be ended; its port is free some ms later."""
+    """End a `keep_trying` process; return False if it is none or another user's. Its port is free some ms later."""
     if pid is None or not is_still_trying(pid):
         return False
     try:

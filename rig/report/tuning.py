@@ -50,7 +50,7 @@ def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], foun
 
 
 _MEANING = (
-    "Slope ratio: slope of the film over that of its model; they differ on minor loops. Ms: largest sensitivity; 1 / Ms "
+    "Slope ratio: slope of the film over that of its model, which differ on minor loops. Ms: peak sensitivity; 1 / Ms "
     "is the smallest distance of the loop's Nyquist curve from -1. The gain margin is the factor by which the loop's "
     "gain may be wrong, the disk margin the factor and the phase by which both may be wrong together. Each number is "
     "the worst of heating and cooling branch, with a quiet and with a typical thermometer. A film at rest is drawn "

@@ -1,11 +1,11 @@
 """The simulated world that two instruments share: current -> plate -> thermometer and film -> ohmmeter.
 
-Time is a parameter: `advance_to` runs what is scheduled up to a moment; the physics follows when something is read or
-changed. With the current held, and no effect that says otherwise, the plate's temperature is monotone between two
-events and the film does not depend on the rate, so that a node at every event is exact.
+Time is a parameter: `advance_to` runs the events scheduled until then; the physics is computed when something is read
+or changed. With the current held, and without most effects, the plate's temperature is monotone between two events and
+the film does not depend on the rate, so that a node at every event is exact.
 
-A reading that was taken later than it is stamped (timestamp_skew below 0) cannot be had live: it is the present one
-here, and whoever writes the record stamps it anew (`stamp_s`).
+A reading taken later than its time stamp (timestamp_skew below 0) lies in the future: the present one is returned, and
+the writer of the record corrects its time stamp (`stamp_s`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ KEPT_S = 1.0  # of the past, beyond what a reading reaches back
 class SimulatedPlant:
     """The state of the simulated rig: temperatures, film memory, currents, and what is due.
 
-    current_A: what was commanded; with effects on the driver the plate gets another, or later.
+    current_A: the command; effects on the driver may change or delay it.
     """
 
     def __init__(self, world: World, start_s: float = 0.0) -> None:
@@ -62,7 +62,7 @@ class SimulatedPlant:
         heapq.heappush(self._due, (max(time_s, self.time_s), self._scheduled, callback))
 
     def advance_to(self, time_s: float) -> None:
-        """Let time pass, and run what is due; a moment in the past changes nothing."""
+        """Advance the time, and run the callbacks due until then; a time in the past changes nothing."""
         while self._due and self._due[0][0] <= time_s:
             due_s, _, callback = heapq.heappop(self._due)
             self.time_s = max(self.time_s, due_s)
@@ -130,7 +130,7 @@ class SimulatedPlant:
         return float(self._links.shown_ohm(np.array([10.0**-value]))[0] * 10.0**noise)
 
     def _drive(self, current: float) -> None:
-        """What the plate gets from now on."""
+        """Set the current through the plate from now on."""
         self._solve()  # the temperature may turn round here
         self._plate_current_A = current
 

@@ -90,10 +90,10 @@ def test_what_tells_held_out_rows_better_and_is_not_named_is_shown(
     assert set(best) == {"names", "parameters", "rmse_holdout", "why_not_named"}
     assert "heat_sink_warmup" in best["names"]
     assert best["rmse_holdout"]["temperature_K"] < 0.7 * said["channels"]["temperature_K"]["rmse_extended"]
-    assert "not named: " in out
+    assert "candidate: " in out
     tried = read_model(tmp_path / "r" / "candidate.toml")
     assert {str(effect["name"]) for effect in tried.effects} == set(best["names"])
-    assert "Found, and not named" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+    assert "Candidates that are not named" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_extended_model_predicts_as_well_as_the_diagnosis_says(
@@ -240,7 +240,7 @@ def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, p
     words = (*columns, "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml", "--report", tmp_path / "r")
     status, out, _ = peltier("diagnose", measured / "vo2_film_major_loop.tsv", *words)
     assert status == 0
-    assert out.startswith("Too few rows")
+    assert out.startswith("Rows too far apart")
     said = json.loads((tmp_path / "out.json").read_text())
     assert said["film"]["memoryless"] != "none"
     assert said["verdict"] == "too_short"  # one loop, whose rows are 0.6 K apart on its flanks

@@ -32,8 +32,7 @@ def test_an_interval_that_says_nothing_more_is_told_by_its_digits() -> None:
         (set(), "sensor_lag (tau 30 s); radiative_loss (loss 2e-11 1/(K\N{SUPERSCRIPT THREE} s))"),
         (
             {"sensor_lag"},
-            "radiative_loss (loss 2e-11 1/(K\N{SUPERSCRIPT THREE} s)), "
-            "together with sensor_lag (named above, here with tau 30 s)",
+            "radiative_loss (loss 2e-11 1/(K\N{SUPERSCRIPT THREE} s)), together with sensor_lag (here tau 30 s)",
         ),
         (
             {"actuator_delay"},

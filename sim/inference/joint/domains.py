@@ -1,16 +1,16 @@
-"""Discrepancy of a film over its memory: what a film of finitely many domains does besides its Preisach density.
+"""Discrepancy of a film that consists of few domains, as a Gaussian process over the film's memory.
 
     y = int rho(a, b) s_ab da db + d,      <d(k) d(l)> = step int rho(a, b) s_ab(k) s_ab(l) da db,     s_ab = -1/2, 1/2
 
-A domain switches up at a, down at b, all of it at once. Those of a mean size `step` that chance has placed with density
-rho / step make shot noise on the plane of (a, b), and d is what it comes to where the film's memory says which of them
-are up: a Gaussian process that comes again at every pass over the same domains. Other than of a process in time, a
-second pass is then no new evidence, while anything that does not come again still is.
+A domain switches as a whole, up at temperature a and down at b. Domains of mean size `step` at random places of density
+rho / step are shot noise on the plane of (a, b), in addition to the smooth Preisach density rho. d is the integral of
+that noise over the domains that are up. It repeats at each pass over the same domains. So, unlike with a process in
+time, a second pass is no new evidence for d, and a residual that does not repeat still is evidence for an effect.
 
-The integral is a sum over cells of the plane: fine in a and coarse in b, and the other way round, less what both have
-in common (a sparse grid; H.-J. Bungartz, M. Griebel, Acta Numerica 13 (2004) 147), since a pass of the film sweeps
-strips that are narrow in the one and long in the other. What this leaves out is less than a fine cell wide; it counts
-as variance of a reading (E. Snelson, Z. Ghahramani, NIPS 18 (2006) 1257).
+The integral is a sum over cells of the plane: cells fine in a and coarse in b, plus cells coarse in a and fine in b,
+minus cells coarse in both (a sparse grid; H.-J. Bungartz, M. Griebel, Acta Numerica 13 (2004) 147), since a pass of the
+film sweeps long narrow strips. Structure smaller than a fine cell counts as variance of a reading (E. Snelson,
+Z. Ghahramani, NIPS 18 (2006) 1257).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LEFT_OUT: Final = 0.1  # of what the sum over cells leaves out: as much again is
 
 @dataclass(frozen=True, eq=False)
 class Relays:
-    """up_degC, down_degC: at which each switches; weight: what it adds by switching up, > 0, (relays,)."""
+    """Relays of a Preisach film: switching temperatures, and weight > 0, the step of the output; (relays,) each."""
 
     up_degC: Array
     down_degC: Array
@@ -42,16 +42,20 @@ class Relays:
 
 @dataclass(frozen=True, eq=False)
 class Domains(Repeated):
-    """The discrepancy of a film in domains, in the readings of a fit; relays: that they are drawn from; parts: of the
-    plane, as in `domain_columns`."""
+    """The discrepancy of a film in domains, at the readings of a fit.
+
+    relays: the Preisach density; parts: number of fine and of coarse cells, as in `domain_columns`.
+    """
 
     relays: Relays
     parts: tuple[int, int]
 
 
 def domain_columns(relays: Relays, nodes: FilmNodes, parts: tuple[int, int]) -> tuple[Array, Array, float]:
-    """(Columns of d at the points, (points, columns); variance that they leave out, (points,), per step of 1; the mean
-    time in which the film switches a fine part, s). parts: of the plane, in the fine and in the coarse direction."""
+    """Return the columns of d, the variance that they neglect for a step of 1, and the mean time per fine cell, s.
+
+    Shapes: (points, columns) and (points,). parts: number of cells in the fine and in the coarse direction.
+    """
     weight = relays.weight
     inputs, _ = film_path(nodes)
     slope = np.sign(np.diff(inputs))
@@ -83,8 +87,10 @@ def _fewer(columns: Array, rest: Array) -> tuple[Array, Array]:
 
 
 def _parts(degC: Array, weight: Array, turns_degC: Array, parts: tuple[int, int]) -> tuple[Integers, Integers]:
-    """Which (fine, coarse) part each relay is in, by a temperature: of about equal weights, the coarse ones from turn
-    to turn, so that a pass sweeps whole ones."""
+    """Return the number of the (fine, coarse) cell and of the coarse cell of each relay along one temperature.
+
+    Cells have about equal weights; coarse ones end at turning points of the film, so that a pass sweeps whole cells.
+    """
     order = np.argsort(degC, kind="stable")
     below = np.cumsum(weight[order]) / float(np.sum(weight))
     share = np.empty(degC.size)
@@ -99,13 +105,13 @@ def _parts(degC: Array, weight: Array, turns_degC: Array, parts: tuple[int, int]
 
 
 def _numbered(first: Integers, second: Integers) -> Integers:
-    """Number the pairs that there are from 0 on."""
+    """Return the number of each pair, counting the distinct pairs from 0."""
     pair = first * (int(np.max(second)) + 1) + second
     return np.asarray(np.unique(pair, return_inverse=True)[1], dtype=np.int64)
 
 
 def _states(relays: Relays, part: Integers, total: Array, nodes: FilmNodes) -> Array:
-    """Sum of weight s_ab in each part at the points, (points, parts). total: of the weights in each."""
+    """Return the sum of weight s_ab in each cell at the points, (points, cells). total: sum of weights in each."""
     inputs, side = film_path(nodes)
     rows = nodes.points + (inputs.size - nodes.time_s.size)
     out = np.empty((rows.size, total.size))
@@ -128,8 +134,11 @@ def _switch(
     part: Integers,
     out: Array,
 ) -> None:
-    """Weights of the relays that are up, by part, at the rows of a path, into out (rows, parts). cooled: the path comes
-    from above all of them, else from below. by_up, by_down: the relays in the order of their temperatures."""
+    """Write the weight of the relays that are up, by cell, at rows of a path into out (rows, cells).
+
+    cooled: True if the path comes from above all relays, else from below. by_up, by_down: order of the relays by their
+    switching temperatures.
+    """
     on: NDArray[np.bool_] = up_degC <= inputs[0]
     if cooled:
         on = down_degC < inputs[0]

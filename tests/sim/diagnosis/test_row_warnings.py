@@ -51,7 +51,7 @@ def test_a_gap_is_told_of_its_own_record() -> None:
     broken["time_s"] = broken["time_s"] + np.where(np.arange(200) >= 120, 40.0, 0.0)
     (caution,) = said(columns(1.0), broken, columns(1.0))
     assert (caution.code, caution.record) == ("gaps", 2)
-    assert caution.text.startswith("1 gap in the rows, the longest of 41 s")
+    assert caution.text.startswith("1 gap in the rows, of 41 s")
 
 
 def test_a_saturated_sink_has_the_time_of_its_file() -> None:

@@ -50,6 +50,6 @@ def test_a_limit_is_read_beside_the_usual_sizes() -> None:
     findings = [SimpleNamespace(indistinguishable_from=["lag"])]
     assert limit_lines(cast(Any, SimpleNamespace(limits=limits, findings=findings))) == [
         "excluded at every typical size (95 %): sink (ratio above 300); drift (drift below 0.001 K/h)",
-        "not seen; largest size that is still possible (95 %): leakage (leakage above 20,000 ohm)",
-        "would not have shown at any typical size: series (series below 5,000 ohm); creep",
+        "not seen; still possible (95 %): leakage (leakage above 20,000 ohm)",
+        "cannot be seen in this record at any typical size: series (series below 5,000 ohm); creep",
     ]

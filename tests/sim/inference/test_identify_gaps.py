@@ -37,7 +37,7 @@ def test_the_film_begins_anew_after_a_gap(to_degC: float) -> None:
     ((at_s, passed),) = fit.starts[0].passed_degC
     assert at_s == time[GAP]
     assert passed[0] > 70.0 if to_degC > 62.0 else passed[0] < 54.0  # beyond which the film is saturated
-    assert [note for note in fit.identifiability if "1 gap in time, the longest of 200 s" in note and "anew" in note]
+    assert [note for note in fit.identifiability if "1 gap in time, of 200 s" in note and "anew" in note]
     left = fit.along(0, time, v) - y
     assert float(np.sqrt(np.mean(left**2))) == pytest.approx(fit.rmse, rel=1e-6)
 

@@ -105,10 +105,12 @@ def test_reasons_where_the_record_cannot_tell() -> None:
     assert told([20.0, 95.0, 20.0]) == {}
     heated = told([20.0, 95.0])
     assert set(heated) >= {"cooling_degC", "hysteresis_K", "width_cooling_K"}
-    assert "no run of cooling" in told([20.0, 95.0, 88.0, 95.0])["cooling_degC"]  # only so far that nothing switches
-    assert "no run of cooling" in told([20.0, 95.0, 56.0])["cooling_degC"]  # nor all of it
-    assert "no run of heating" in told([95.0, 20.0, 50.0, 20.0])["heating_degC"]
-    assert "no run of cooling" in heated["hysteresis_K"]
+    assert (
+        "no single cooling ramp" in told([20.0, 95.0, 88.0, 95.0])["cooling_degC"]
+    )  # only so far that nothing switches
+    assert "no single cooling ramp" in told([20.0, 95.0, 56.0])["cooling_degC"]  # nor all of it
+    assert "no single heating ramp" in told([95.0, 20.0, 50.0, 20.0])["heating_degC"]
+    assert "no single cooling ramp" in heated["hysteresis_K"]
     assert "degC and the transition's foot is at" in told([45.0, 95.0, 45.0])["activation_energy_eV"]
     assert "where the record ends at 56.8 degC" in told([20.0, 57.0])["heating_degC"]
     assert told([61.0, 95.0])["heating_degC"]
@@ -207,4 +209,4 @@ def test_a_standstill_of_the_plate_is_no_transition() -> None:
     assert found["heating_degC"].value is not None
     for name in ("cooling_degC", "width_cooling_K", "hysteresis_K"):
         assert found[name].value is None
-        assert "known no better" in found[name].reason
+        assert "is too uncertain" in found[name].reason
