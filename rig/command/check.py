@@ -1,8 +1,8 @@
-"""peltier check CONFIG: does what is attached answer, is it what the configuration says, and how long does STOP take.
+"""peltier check CONFIG: compare the instruments with the configuration, and measure the time that STOP takes.
 
-The output is commanded off first and last; no current flows. Limits and dead man are set and read back; the middle of
-several off commands, each confirmed by the controller, is what STOP takes. Exit status 1 where something is not as
-configured, or where another program has a port open, too.
+The output is commanded off first and last; no current flows. Limits and dead man are set and read back. The time of
+STOP is the median of several off commands, each confirmed by the controller. Exit status 1 if something is not as
+configured, or if another program has a port open, too.
 
 An error that the controller reports is printed with its meaning and what clears it. On a terminal the program asks
 whether to clear it; --clear clears it without asking.

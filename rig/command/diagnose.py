@@ -1,13 +1,12 @@
-"""peltier diagnose RECORD...: where the simulated rig and the real one part, why, and what the repair gains.
+"""peltier diagnose RECORD...: find the effects that the simulation of the rig lacks, and their sizes.
 
-The base model is fitted to the record, then every effect of the catalogue with it; those are named that the record
-needs, and what they gain is measured on held-out rows. What is left over is called unexplained. A record
-without resistance is diagnosed as far as the plate goes, one without current as far as the film goes.
+The base model (plate and film) is fitted to the record, then effects of the catalogue with it. Those that the record
+needs are named, with the errors in held-out rows with and without them. A residual that no effect explains is called
+unexplained. Without resistance only driver, plate and thermometer are diagnosed; without current, film and ohmmeter.
 
-Several records are diagnosed side by side, each by itself. --report DIR then has a folder for each, a table of all in
-report.html, diagnoses.csv and diagnoses.nc, what matters first; begun again with the same DIR, whatever interrupted it,
-the diagnosis goes on with the records that are missing. With --joint records of one rig are diagnosed as one: only the
-room, first temperatures and the film's memory are each record's own.
+Several records are diagnosed one by one. --report DIR then has a folder for each, and tables of all: report.html,
+diagnoses.csv and diagnoses.nc. After an interruption the same command continues with the missing records. With --joint
+records of one rig are fitted together: only room, first temperatures and film memory are fitted for each record.
 """
 
 from __future__ import annotations
@@ -39,24 +38,26 @@ if TYPE_CHECKING:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
-    text = "several records of one rig as one: one plate, one film, the same effects; a room for each"
+    text = "fit several records of one rig together: one plate, one film, the same effects; a room for each"
     parser.add_argument("--joint", action="store_true", help=text)
     add_record_arguments(parser)
     add_output_argument(parser)
-    parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="a film without D(T) in it restricts the base")
+    parser.add_argument(
+        "--model", type=Path, metavar="MODEL.toml", help="if its film has no D(T), the base model has none either"
+    )
     parser.add_argument(
         "--base",
         choices=["extended_generalized_pi", "generalized_pi"],
         help="the film's base model; generalized_pi: without D(T), unless the record needs one",
     )
     parser.add_argument("--plate", choices=["peltier", "heater"], help="kind of plate; default: what the drive allows")
-    text = "measure the gain on this record of the rig (repeatable)"
+    text = "compute the errors on this other record of the rig (repeatable)"
     parser.add_argument("--holdout", type=Path, metavar="RECORD", action="append", default=[], help=text)
     parser.add_argument(
         "--initial",
         choices=["cooled", "heated", "fitted"],
         default="fitted",
-        help="the film's memory at the first row is always fitted with the record",
+        help="without effect: the film's memory at the first row is always fitted",
     )
     add_effect_file_argument(parser)
     parser.add_argument(
@@ -64,11 +65,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME[:param=value]",
-        help="an effect that is there, with what is known of it (repeatable)",
+        help="a known effect, with its known parameters (repeatable)",
     )
-    text = "how long a record may take: what was found by then is reported"
+    text = "time for a record; the best result until then is reported"
     parser.add_argument("--budget", type=float, metavar="SECONDS", help=text)
-    text = "of records with nothing in them, the share that may be given a name (default 0.01)"
+    text = "share of records without any effect in which one may be named (default 0.01)"
     parser.add_argument("--false-alarm", type=float, metavar="SHARE", help=text)
     text = "fit room, first temperatures and memory of a held-out record to its first SECONDS (default 30)"
     parser.add_argument("--first", type=float, metavar="SECONDS", help=text)

@@ -1,7 +1,7 @@
 """peltier identify RECORD... [--out MODEL.toml]: film and plate models from records, with error bars.
 
-A record with temperature and resistance gives a film, one with temperature and current a plate, one with all both.
-With --each every record gets a model of its own; --report DIR then has a folder for each, and a table of all.
+The film is fitted to records with temperature and resistance, the plate to records with temperature and current.
+With --each every record gets its own model; --report DIR then has a folder for each, and a table of all.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--report", type=Path, metavar="DIR", help="report.html, figures, identification.json and model.toml there"
     )
-    parser.add_argument("--each", action="store_true", help="a model of each record, in the place of one of all")
+    parser.add_argument("--each", action="store_true", help="fit a model to each record instead of one to all")
     add_engine_arguments(parser)
     add_json_argument(parser)
     parser.add_argument(
         "--kind",
         choices=["extended_generalized_pi", "generalized_pi", "mixed_envelopes"],
-        help="of the film model; default: chosen by held-out rows",
+        help="kind of the film model; default: chosen by held-out rows",
     )
-    parser.add_argument("--form", help="of the memoryless function D(T); default: chosen by held-out rows")
+    parser.add_argument("--form", help="form of the memoryless function D(T); default: chosen by held-out rows")
     parser.add_argument("--operators", type=int, default=30, help="play operators (30)")
     parser.add_argument("--initial", choices=["cooled", "heated", "fitted"], default="fitted")
     parser.add_argument(

@@ -1,9 +1,9 @@
-"""peltier predict MODEL.toml RECORD... [--out F]: the model against records that it was not fitted to, each by itself.
+"""peltier predict MODEL.toml RECORD... [--out F]: compare a model with records that it was not fitted to, one by one.
 
-temperature_degC drives the film from `initial` at the first row, as it was read; with current_A and a [plate] the
-temperature is simulated from the current too, never one step ahead. With --drive current, by default where the model
-says so or has [[effects]], the film follows the simulated plate. With --initial fitted what belongs to the record
-(room, first temperatures, memory) is fitted to its first rows, which are not scored.
+The film is simulated from the measured temperature; with current_A and a [plate] the temperature is simulated from the
+current over the whole record. With --drive current (default if the model says so or has [[effects]]) the film follows
+the simulated plate. With --initial fitted room, first temperatures and film memory are fitted to the first rows of the
+record, which then do not count.
 """
 
 from __future__ import annotations
@@ -36,10 +36,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--initial",
         choices=["cooled", "heated", "fitted"],
-        help="the film's memory; default: the model's own. fitted: with room and first temperatures, to the first rows",
+        help="the film's memory at the first row; default: the model's. fitted: fit it, room and first temperatures",
     )
     parser.add_argument(
-        "--first", type=float, metavar="SECONDS", help="of first rows that are fitted (30 s or 20 rows, the longer)"
+        "--first",
+        type=float,
+        metavar="SECONDS",
+        help="duration of the rows that --initial fitted uses (default 30 s or 20 rows, the longer)",
     )
     parser.add_argument(
         "--drive",

@@ -28,18 +28,16 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="OURS=THEIRS[|OTHER...][@UNIT]",
-        help="a column of a record from elsewhere, as in temperature_degC=T_K@K or resistance_ohm=R@kohm; of several "
+        help="which column of a file is OURS: as in temperature_degC=T_K@K or resistance_ohm=R@kohm; of several "
         "names the first that a file has; #3 is its third column",
     )
     parser.add_argument(
-        "--decimal", choices=[".", ","], default="", help="the decimal sign, where a record's numbers leave it open"
+        "--decimal", choices=[".", ","], default="", help="the decimal sign, if the file does not show which it is"
     )
-    parser.add_argument(
-        "--period", type=float, metavar="SECONDS", help="a record without times: its rows are this far apart"
-    )
+    parser.add_argument("--period", type=float, metavar="SECONDS", help="time between rows of a record without times")
     parser.add_argument("--reversed", action="store_true", help="the last row of a record was taken first")
     parser.add_argument(
-        "--branches", action="store_true", help="heating and cooling stand in two files, or side by side in one"
+        "--branches", action="store_true", help="heating and cooling are in two files, or side by side in one"
     )
 
 

@@ -1,8 +1,8 @@
-"""peltier simulate CONFIG [--effect NAME[:param=value,...]]... --out RECORD.csv: the experiment on the simulated rig.
+"""peltier simulate CONFIG [--effect NAME[:param=value,...]]... --out RECORD.csv: simulate the experiment.
 
-Whatever the ports are, the configured experiment runs on simulated instruments in virtual time; a current_profile runs
-without instruments, so that its rows are exact. Effects of --effect come to those of the configuration; a parameter
-that is left out takes the geometric middle of its usual sizes.
+The configured experiment runs on simulated instruments in virtual time, whatever its ports are; a current_profile runs
+without instruments, so that its rows are exact. Effects of --effect are added to those of the configuration; a
+parameter that is left out takes the geometric mean of its typical sizes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="switch an effect of the catalogue on, as in film_lag:tau_s=3 (repeatable)",
     )
     add_effect_file_argument(parser, ", to be switched on by --effect")
-    parser.add_argument("--seed", type=int, metavar="N", help="of the noise; default: as configured")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the noise; default: as configured")
     parser.add_argument("--out", type=Path, required=True, metavar="RECORD.csv")
     add_json_argument(parser)
 

@@ -1,9 +1,9 @@
-"""peltier trend FOLDER: which effects the runs in a folder show, how large, and since when.
+"""peltier trend FOLDER: find which effects the runs in a folder show, how large, and since when.
 
-Every run below FOLDER that came to its end is diagnosed, once: what is known of it is kept in DIR/cases.jsonl, and when
-the command is given again only new runs are diagnosed. DIR/report.html has the series of every effect with their 95 %
+Every complete run below FOLDER is diagnosed once: the results are kept in DIR/cases.jsonl, and the next time only new
+runs are diagnosed. DIR/report.html has the series of every effect with their 95 %
 intervals, DIR/effects.csv one line an effect (since when, before, after), DIR/trend.csv and DIR/trend.nc one row a run.
-A change is reported at a false-alarm rate of 5 % a series, however often one looks.
+A change is reported at a false-alarm rate of 5 % per series, however often the command is run.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ _added: dict[tuple[Path, int], Effect] = {}  # by file and its time, so that an 
 
 
 def typical_value(parameter: Parameter) -> float:
-    """Return the geometric middle of a parameter's typical range; of choices, the nearest."""
+    """Return the geometric mean of a parameter's typical range; of choices, the nearest."""
     value = math.sqrt(parameter.smallest * parameter.largest)
     return min(parameter.choices, key=lambda choice: abs(math.log(choice / value)), default=value)
 

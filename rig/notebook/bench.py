@@ -239,7 +239,7 @@ def simulate(
     """Run a configuration's experiment in simulated time, whatever its ports; a current_profile without instruments.
 
     configuration: a file's path, tables by name, None: those of `simulated_rig`. effects: as on the command line,
-    "film_lag:tau_s=2", with those of the configuration; a parameter that is left out takes the geometric middle of
+    "film_lag:tau_s=2", with those of the configuration; a parameter that is left out takes the geometric mean of
     its usual sizes. seed: of the noise. say: called with what happens on the way. Raises Faults, RigError, Outcome.
     """
     path, tables = tables_of(simulated_rig() if configuration is None else configuration)

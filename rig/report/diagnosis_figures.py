@@ -177,7 +177,7 @@ def _residual(
     what, unit = channels_of(diagnosis)[key]
     models = [(before, BASE, "base model"), (after, EXTENDED, "extended model")]
     models = models if _extends(diagnosis) else [(after, EXTENDED, "model")]
-    fig, axes = grid(len(models), len(against), 2.5 * len(models), sharex="col", sharey="row")
+    fig, axes = grid(len(models), len(against), 2.6 * len(models), sharey="row")
     good = np.flatnonzero(np.isfinite(before) & np.isfinite(after))
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
     beyond = False
@@ -187,17 +187,17 @@ def _residual(
         limit, values = 1.3 * scale * spread, scale * residuals_of_model
         far = good[np.abs(values[good]) > limit]
         beyond = beyond or far.size > 0
-        for axis, (_, x) in zip(row, against, strict=True):
+        for axis, (label, x) in zip(row, against, strict=True):
             axis.plot(x[index], values[index], ".", color=colour, markersize=2, rasterized=True)
             for sign, mark in ((1.0, "^"), (-1.0, "v")):
                 there = far[sign * values[far] > 0.0]
                 axis.plot(x[there], np.full(there.size, 0.97 * sign * limit), mark, color=colour, markersize=4)
             axis.set_ylim(-limit, limit)
+            axis.set_xlabel(label)
         row[0].set_ylabel(f"{name}\n{residual_label(f'{prefix}{unit}')}")
-    for axis, (label, _) in zip(axes[-1], against, strict=True):
-        axis.set_xlabel(label)
     if diagnosis.record.joined.size:
-        _times_of_each(axes[-1, 0], diagnosis.record)
+        for axis in axes[:, 0]:
+            _times_of_each(axis, diagnosis.record)
     *others, last = [label.split(" / ")[0] for label, _ in against]
     caption = f"Residual of {what} against {', '.join(others)} and {last}."
     caption += " Each row has its own scale." * (len(models) > 1)

@@ -218,7 +218,7 @@ def test_a_model_file_says_which_sizes_are_not_fixed() -> None:
     found = SimpleNamespace(plate=None, warnings=[], findings=[finding], sources=("a/b.csv",), written="extended")
     assert model_comment(cast(Any, found)).splitlines() == [
         "extended model of the diagnosis of b.csv",
-        "heat_sink_warmup: sink_capacity_ratio: not fixed by this record",
+        "heat_sink_warmup: sink_capacity_ratio: not determined by this record",
     ]
 
 

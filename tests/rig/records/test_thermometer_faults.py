@@ -201,7 +201,7 @@ def test_where_the_model_is_far_off_no_number_is_stated() -> None:
     found = rig.identify(Record(film))
     numbers = {name: entry for name, entry in found.document["transition"][0].items() if isinstance(entry, dict)}
     assert all(entry["value"] is None for entry in numbers.values() if "value" in entry)
-    assert re.search(r"the film model is off by \d+ times the noise", str(found))
+    assert re.search(r"the film model misses this record by \d+ times the noise", str(found))
 
 
 def test_a_model_at_absolute_zero() -> None:
