@@ -169,7 +169,7 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
 
 def _left(diagnosis: Diagnosis) -> list[str]:
     left = left_over(diagnosis)
-    parts = [bullets(left)] if left else [paragraph("The residual is noise.")]
+    parts = [bullets(f"Residual structure, {text}" for text in left)] if left else [paragraph("The residual is noise.")]
     warnings = [f"Warning, {w.code.replace('_', ' ')}: {warning_line(diagnosis, w)}" for w in diagnosis.warnings]
     if warnings:
         parts.append(bullets(warnings))

@@ -13,7 +13,7 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.intervals import covariance, intervals, is_vague
 from sim.diagnosis.next_experiment import next_experiments
 from sim.diagnosis.plate_numbers import plate_numbers
-from sim.diagnosis.result import Candidate, Caution, Channel, Diagnosis, Finding, Sizes, verdict_of
+from sim.diagnosis.result import Candidate, Caution, Channel, Diagnosis, Finding, Sizes, rough, verdict_of
 from sim.diagnosis.search import Search, left_over, outweighs
 from sim.diagnosis.selection import Selected
 from sim.diagnosis.upper_limits import upper_limits
@@ -262,4 +262,4 @@ def _in_words(share: float | None, fit: Fit, channel: str, own: _Units) -> str |
     noise, size, unit = fit.metric.channels[channel == "output"].noise, own.size(key), own.unit(key)
     slow = noise.slow if noise.slow > 0.0 else share * noise.white
     beyond = f"{size * slow:.2g} {unit} beyond the noise of {size * noise.white:.2g} {unit}"
-    return f"{beyond}, correlated over about {noise.tau_s:.2g} s"
+    return f"{beyond}, correlated over about {rough(noise.tau_s)} s"

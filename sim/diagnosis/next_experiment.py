@@ -25,10 +25,12 @@ LOG_CURRENTS = "log a row whenever the current changes, or current_time_s with i
 
 ELSEWHERE = "another rate, and a dwell inside the transition"
 HARDER = "steps of the drive of other sizes and both ways, with dwells until the temperature stands"
-REPEAT_FILM = "repeat the record: what comes again at the same temperature is the film, at the same time the room"
+REPEAT_FILM = (
+    "repeat the record: a residual that repeats with temperature is the film's, one that repeats with time the room's"
+)
 REPEAT_PLATE = (
-    "repeat the record: what comes again with the same drive is the plate and its instruments, "
-    "at the same time of day the room"
+    "repeat the record: a residual that repeats with the drive is that of plate and instruments, "
+    "one that repeats with the time of day the room's"
 )
 
 

@@ -58,8 +58,8 @@ def plate_numbers(fit: Fit, errors: Array) -> PlateNumbers | None:
     noise = fit.metric.temperature.noise.white
     times = float(np.sqrt(np.mean(fit.at.residual_K**2))) / max(noise, joint.record.step_K)
     if times > MISSES_MUCH:
-        text = f"the plate's model leaves {rough(times)} times the noise of the temperature"
-        doubts.append(f"every number: {text}, and what it lacks may have moved them by more than these intervals")
+        text = f"the residual of the temperature is {rough(times)} times its noise"
+        doubts.append(f"all parameters: {text}, so that the errors may be larger than these intervals")
     current = joint.record.current_A
     assert current is not None
     if constant := constant_drive(current[:-1], joint.kind):
