@@ -105,14 +105,13 @@ def test_reasons_where_the_record_cannot_tell() -> None:
     assert told([20.0, 95.0, 20.0]) == {}
     heated = told([20.0, 95.0])
     assert set(heated) >= {"cooling_degC", "hysteresis_K", "width_cooling_K"}
-    assert (
-        "no single cooling ramp" in told([20.0, 95.0, 88.0, 95.0])["cooling_degC"]
-    )  # only so far that nothing switches
+    # cooled only so far that nothing switches
+    assert "no single cooling ramp" in told([20.0, 95.0, 88.0, 95.0])["cooling_degC"]
     assert "no single cooling ramp" in told([20.0, 95.0, 56.0])["cooling_degC"]  # nor all of it
     assert "no single heating ramp" in told([95.0, 20.0, 50.0, 20.0])["heating_degC"]
     assert "no single cooling ramp" in heated["hysteresis_K"]
     assert "degC and the transition's foot is at" in told([45.0, 95.0, 45.0])["activation_energy_eV"]
-    assert "where the record ends at 56.8 degC" in told([20.0, 57.0])["heating_degC"]
+    assert "too close to the record's end at 56.8 degC" in told([20.0, 57.0])["heating_degC"]
     assert told([61.0, 95.0])["heating_degC"]
 
 
