@@ -14,6 +14,7 @@ from sim.diagnosis.candidates import Start, is_sizeable, possible, scores, start
 from sim.diagnosis.intervals import LESS_LIKELY, Jumps
 from sim.effects.effect import Effect, jumps
 from sim.inference.evidence import FALSE_ALARM, price
+from sim.inference.gain import rms
 from sim.inference.joint.channel_noise import ChannelNoise, Metric
 from sim.inference.joint.films import PIFilm
 from sim.inference.joint.likelihood import Fit, Module
@@ -360,16 +361,25 @@ def _residuals(fit: Fit) -> tuple[Array, Array]:
 
 
 def outweighs(fit: Fit, name: str) -> bool:
-    """Return True if an effect does more in one of the channels than what is left over there."""
-    joint = fit.joint
+    """Return True if an effect does more in one of the channels than what is left over there, counted is only what
+    neither the film nor the other parameters can do in its place."""
+    joint, metric = fit.joint, fit.metric.without_slow()
+    at = joint.solve(fit.at.x, metric, fit.at.known_own)
     less = joint.having([e for e in fit.effects if e.name != name])
-    change = joint.change(fit.at, fit.metric, less.from_other(joint, fit.at.x), True, less)
-    left, split = left_over(fit), joint.rows_K.size
-    for part, channel in zip((change[:split], change[split:]), fit.metric.channels, strict=False):
-        unknown = (
-            channel.noise.slow if ("temperature" if channel is fit.metric.temperature else "output") in left else 0.0
-        )
-        if part.size and float(np.std(part)) > max(unknown, LEFT_SHARE * channel.noise.white):
+    change = joint.whitened(at, metric, joint.change(at, metric, less.from_other(joint, at.x), True, less)[:, None])
+    split, own = joint.rows_K.size, [not parameter.startswith(f"{name}.") for parameter in joint.names]
+    others = joint.jacobian(at, metric)[:, np.array(own) & joint.moves]
+    if joint.film is not None:
+        columns = at.design[:, at.active]
+        others = np.column_stack((others, np.vstack((np.zeros((split, columns.shape[1])), columns))))
+    change = change[:, 0] - others @ np.linalg.lstsq(others, change[:, 0])[0]
+    left = left_over(fit)
+    for part, channel, key in zip(
+        (change[:split], change[split:]), fit.metric.channels, ("temperature", "output"), strict=False
+    ):
+        unknown = channel.noise.slow if key in left else 0.0
+        size = math.hypot(channel.noise.white, channel.noise.slow)  # of the metric without what is slow
+        if part.size and size * rms(part) > max(unknown, LEFT_SHARE * channel.noise.white):
             return True
     return False
 
