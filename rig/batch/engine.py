@@ -193,28 +193,6 @@ def _signals_for_us_alone() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-@contextlib.contextmanager
-def _as_any_process() -> Iterator[None]:
-    """Let a local cluster's workers keep freed memory, as any process does, without a profiler. Dask has glibc
-    give back whatever is freed (MALLOC_TRIM_THRESHOLD_) and looks at the stack a hundred times a second, for hours of
-    large results that these cases do not have: a diagnosis, which makes many short-lived arrays of 50 kB to 1 MB, took
-    1.4 times the processor time. Its event loop looks at itself 50 times a second, each time taking the interpreter
-    from the case (2 % of it); once a second does. Source: Dask.distributed, "Worker memory management", "automatically
-    trim memory"; configuration reference, distributed.admin."""
-    import dask.config
-
-    environment = dict(dask.config.get("distributed.nanny.pre-spawn-environ"))
-    environment.pop("MALLOC_TRIM_THRESHOLD_", None)
-    settings = {
-        "distributed.nanny.pre-spawn-environ": environment,
-        "distributed.worker.profile.enabled": False,
-        "distributed.admin.tick.interval": "1s",
-        "distributed.admin.system-monitor.interval": "10s",
-    }
-    with dask.config.set(settings):
-        yield
-
-
 class _Dask:
     """A Dask cluster: the one at an address, or one on this computer for the time of the cases."""
 
@@ -234,10 +212,9 @@ class _Dask:
         try:
             with _signals_for_us_alone():
                 if self._address is None:
-                    with _as_any_process():
-                        self._cluster = distributed.LocalCluster(
-                            n_workers=self._count, threads_per_worker=1, processes=True, dashboard_address=None
-                        )
+                    self._cluster = distributed.LocalCluster(
+                        n_workers=self._count, threads_per_worker=1, processes=True, dashboard_address=None
+                    )
                 self._client = distributed.Client(self._cluster or self._address, timeout=DASK_WAIT_S)
         except (OSError, ValueError, TypeError) as error:
             raise fault("--address", repr(self._address), f"no Dask scheduler answers there ({error})") from None

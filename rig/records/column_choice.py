@@ -23,14 +23,15 @@ from rig.records.column_names import (
     interpret_name,
     unit_ending,
 )
-from rig.records.numbers import Numbers, is_number, tidy_number
+from rig.records.numbers import Numbers, is_number
 from rig.records.table import Table
 from rig.records.times import is_clock_time, is_date, is_time
-from rig.records.units import CONDUCTANCES, DRIVE_SHARES, RECIPROCALS, UNITS
+from rig.records.units import DRIVE_SHARES, RECIPROCALS, UNITS
 
 # Numbers between 2001 and 2128 are moments; no times of a run are as large.
 SINCE_1970 = {"s": (1e9, 5e9), "ms": (1e12, 5e12), "us": (1e15, 5e15), "ns": (1e18, 5e18)}
 MOST_DUTY = 1.05  # some write a duty of 256 in 255
+COLDEST_K = 200.0  # temperatures above are more likely K than degC
 LEAST_PLATE_A = 0.02  # a plate's current reaches more, an ohmmeter's test current does not
 MOST_NAMES = 30  # in a message
 MOST_OFFERED = 4  # columns in a message
@@ -40,7 +41,6 @@ OFFERED_UNITS: dict[str, Sequence[str]] = {
     "ohm": ("ohm", "kohm", "Mohm", "S"),
     "A": ("A", "mA"),
 }
-LETTER_UNITS = {"C": "degC", "c": "degC", "degC": "degC", "degc": "degC", "K": "K", "k": "K", "F": "degF", "f": "degF"}
 OTHER_NAME = {
     "time_s": "time_min",
     "target_ohm": "target_kohm",
@@ -195,18 +195,12 @@ class ColumnChoice:
             values = self.values(k)
             within = values.size > 0 and np.max(np.abs(values)) <= MOST_DUTY
             return Meaning("current_A", "duty", True) if within else meaning
-        first = tidy_number(self.firsts[k])
-        if not first or first[-1].isdigit():
+        try:
+            ending = self.numbers(k).ending
+        except ValueError:
             return meaning
-        for ending, ours in (("ohm", "resistance_ohm"), ("degC", "temperature_degC"), ("A", "current_A")):
-            try:
-                found = self.numbers(k, ending).ending
-            except ValueError:
-                continue
-            clear = interpret_name(f"{self.names[k]} ({ending})").certain
-            if found == ending and meaning.ours in (None, ours) and clear:
-                return Meaning(ours, ending, True)
-        return meaning
+        full = interpret_name(f"{self.names[k]} ({ending})") if ending is not None else meaning
+        return full if full.certain and meaning.ours in (None, full.ours) else meaning
 
     def _is_plausible(self, ours: str, k: int, meaning: Meaning) -> bool:
         """Return False if a column is empty, or its currents are too large or too small for their unit."""
@@ -230,9 +224,8 @@ class ColumnChoice:
         there = [k for k in self.free() if self.meanings[k].ours == "time_s" and self._filled(k)]
         timed = [k for k in there if is_time(self.firsts[k])]
         clear = [k for k in there if k not in timed and self.meanings[k].certain]
-        rising = [k for k in clear if self._rises(k)]
         # A single clear column that does not rise is chosen too, so that its fault is reported by row.
-        numeric = rising or (clear if len(clear) == 1 and not timed else [])
+        numeric = [k for k in clear if self._rises(k)] or (clear if len(clear) == 1 and not timed else [])
         if numeric:
             if len(numeric) == 1:
                 self.chosen["time_s"] = Choice(numeric[0], str(self.meanings[numeric[0]].unit), "guessed")
@@ -269,63 +262,58 @@ class ColumnChoice:
             if ours in self.chosen or ours in needs or not self.options:
                 continue
             for k in self.free():
-                if self.meanings[k].ours != ours or not self._filled(k) or k in offered:
+                meaning = self.meanings[k]
+                if meaning.ours != ours or not self._filled(k) or k in offered:
                     continue
                 options = " or ".join(self._option(ours, k, unit) for unit in self._offered_units(ours, k))
-                why, maybe_other = self._reason(ours, k)
-                if ours == "resistance_ohm" and not maybe_other:
+                known = meaning.certain or meaning.unit is None or meaning.doubt or meaning.unit == "percent"
+                if ours == "resistance_ohm" and known:
                     keep = self._option(self.names[k] or f"column{k + 1}", k)
-                    self._add_fault(f"{self.shown[k]!r}: {why}; expected {options} or, to leave it as it is, {keep}")
+                    text = f"expected {options} or, to leave it as it is, {keep}"
+                    self._add_fault(f"{self.shown[k]!r}: {self._reason(k)}; {text}")
                 else:
-                    self.notes.append(f"{self.shown[k]!r} left out: {why}; if it is {ours}, {options}")
+                    self.notes.append(f"{self.shown[k]!r} left out: {self._reason(k)}; if it is {ours}, {options}")
 
-    def _reason(self, ours: str, k: int) -> tuple[str, bool]:
-        """Return why a column was not chosen, and whether its name may be of another quantity."""
+    def _reason(self, k: int) -> str:
+        """Return why a column was not chosen."""
         meaning = self.meanings[k]
         if meaning.doubt:
-            return meaning.doubt, False
-        share = meaning.unit == "percent" or (meaning.unit is None and not _is_current(self.names[k]))
-        if ours == "current_A" and share:
-            return "a share of full drive?", False
+            return meaning.doubt
+        if self._is_share(k):
+            return "a share of full drive?"
         if meaning.certain:
-            several = sum(each.ours == ours and each.certain for each in self.meanings) > 1
-            return ("more than one column may be it" if several else "too small for a plate's current"), False
-        if meaning.unit is not None:
-            return "a word of its name is not known", True
-        return "its unit is not given", False
+            several = sum(each.ours == meaning.ours and each.certain for each in self.meanings) > 1
+            return "more than one column may be it" if several else "too small for a plate's current"
+        return "its unit is not given" if meaning.unit is None else "a word of its name is not known"
+
+    def _is_share(self, k: int) -> bool:
+        """Return True if a column may be a share of full drive: percents, or a drive without a unit."""
+        meaning, name = self.meanings[k], self.names[k]
+        drive = interpret_name(f"{name} (%)").certain or not interpret_name(f"{name} (mA)").certain
+        return meaning.ours == "current_A" and (meaning.unit == "percent" or (meaning.unit is None and drive))
 
     def _offered_units(self, ours: str, k: int) -> Sequence[str | None]:
-        """Return the units to offer: that of the name if it has one, else the usual ones."""
+        """Return the units to offer: those of the name, else the usual ones."""
         meaning, values = self.meanings[k], self.values(k)
         if ours == "time_s" and is_time(self.firsts[k]):
             return (None,)
-        if meaning.doubt.startswith("the name says"):
-            return (meaning.unit, "ohm" if meaning.unit in CONDUCTANCES else "S")
-        if ours == "current_A" and meaning.unit == "percent":
-            return DRIVE_SHARES[:2] if values.size and np.max(np.abs(values)) <= 1.0 else ("percent",)
-        if meaning.unit is not None:
-            return (meaning.unit,)
-        if ours == "temperature_degC":
-            letter = LETTER_UNITS.get(_last_part(self.names[k]))
-            usual = ("K", "degC") if values.size and np.min(values) > 200.0 else OFFERED_UNITS["degC"]
-            return (letter,) if letter else usual
-        if "milliohms" in meaning.doubt:
-            return ("Mohm", "mohm")
-        if "logarithm's base" in meaning.doubt:
-            return ("log10ohm", "lnohm")
-        drive = ours == "current_A" and not _is_current(self.names[k])
-        return DRIVE_SHARES if drive else OFFERED_UNITS[unit_ending(ours)]
+        if self._is_share(k):
+            small = values.size and np.max(np.abs(values)) <= 1.0
+            return DRIVE_SHARES if meaning.unit is None else DRIVE_SHARES[:2] if small else ("percent",)
+        if meaning.units or meaning.unit is not None:
+            return meaning.units or (meaning.unit,)
+        if ours == "temperature_degC" and values.size and np.min(values) > COLDEST_K:
+            return ("K", "degC")
+        return OFFERED_UNITS[unit_ending(ours)]
 
     def _candidates(self, ours: str, offered: set[int]) -> str:
         """Return what to type for a missing column; offered: columns that were offered for another one."""
         free = [k for k in self.free() if k not in offered and self._filled(k)]
         named = [k for k in free if self.meanings[k].ours == ours]
         likely = [k for k in named if self._may_be(ours, k)]
-        unknown = [k for k in free if self.meanings[k].ours is None and not self._has_other_unit(k, ours)]
         if not likely and ours == "time_s":
+            unknown = [k for k in free if self.meanings[k].ours is None and not self._has_other_unit(k, ours)]
             likely = [k for k in unknown if is_time(self.firsts[k]) or (self._rises(k) and not self._counts_rows(k))]
-        if not likely and ours == "temperature_degC":
-            likely = [k for k in unknown if _last_part(self.names[k]) in LETTER_UNITS and self.values(k).size]
         if not self.options:
             name = OTHER_NAME.get(ours, ours)
             return f"; expected the name {ours}, or it with another unit, as {name}" if likely else ""
@@ -352,32 +340,14 @@ class ColumnChoice:
         return values[0] in (0.0, 1.0) and bool(np.all(np.diff(values) == 1.0))
 
     def _proposal_without_names(self) -> str:
-        """Return what to type for a file without names, guessed from its numbers, for the user to check."""
-        found: dict[str, str] = {}
-        for k in range(len(self.names)):
-            values = self.values(k)
-            if is_time(self.firsts[k]):
-                found.setdefault("time_s", f"#{k + 1}")
-            elif not values.size:
-                continue
-            elif "time_s" not in found and self._rises(k) and len(self.names) > 2:  # of two it is the temperature
-                found["time_s"] = f"#{k + 1}@s"
-            elif "temperature_degC" not in found and np.min(values) > -60.0 and np.max(values) < 500.0:
-                found["temperature_degC"] = f"#{k + 1}@{'K' if np.min(values) > 200.0 else 'degC'}"
-            elif "resistance_ohm" not in found and np.min(values) > 0.0:
-                found["resistance_ohm"] = f"#{k + 1}@ohm"
-        found.setdefault("time_s", "row")
-        options = " ".join(f"--column '{ours}={theirs}'" for ours, theirs in found.items())
+        """Return what to type for a file without names, in the usual order of columns, for the user to check."""
+        values = self.values(len(self.names) - 2) if len(self.names) > 1 else np.empty(0)
+        kelvin = values.size > 0 and np.min(values) > COLDEST_K
+        found = ["time_s=row"] if len(self.names) < 3 else ["time_s=#1" + "@s" * (not is_time(self.firsts[0]))]
+        first = len(found) if len(self.names) > 2 else 0
+        found += [f"temperature_degC=#{first + 1}@{'K' if kelvin else 'degC'}", f"resistance_ohm=#{first + 2}@ohm"]
+        options = " ".join(f"--column '{each}'" for each in found)
         return (
             f"no names above {len(self.names)} columns of numbers; expected --column OURS=#NUMBER@UNIT for each, "
             f"for example {options}"
         )
-
-
-def _is_current(name: str) -> bool:
-    return interpret_name(f"{name} (mA)").certain and not interpret_name(f"{name} (%)").certain
-
-
-def _last_part(name: str) -> str:
-    """Return the last part of a name, which may be a unit, as in 'y_C' or 'plate1_K'."""
-    return name.strip().rpartition("_")[2]

@@ -18,6 +18,7 @@ from rig.core.faults import fault
 from rig.records.times import LAYOUTS
 from rig.records.units import (
     CONDUCTANCES,
+    LOGARITHMS,
     OTHER_UNITS,
     UNITS,
     is_foreign_unit,
@@ -71,9 +72,11 @@ _LONGEST_NAME = 80  # characters of a column that is named by its name and not b
 
 @dataclass(frozen=True)
 class Meaning:
-    """A name's meaning: our column (None: unknown) and its unit of `UNITS` (None: not named, or several).
+    """A name's meaning.
 
+    ours: our column, None if it is not known. unit: of `UNITS`, None if none is named or it can be one of several.
     certain: the column can be taken without asking. doubt: why not, for people. has_unit: the file names some unit.
+    units: those to choose from, if the name leaves several.
     """
 
     ours: str | None
@@ -81,12 +84,13 @@ class Meaning:
     certain: bool = False
     doubt: str = ""
     has_unit: bool = False
+    units: tuple[str, ...] = ()
 
 
 def interpret_name(name: str, unit_below: str = "") -> Meaning:
     """Return the meaning of a column's name; unit_below: from the line of units below the names, if there is one."""
     name = _cleaned(name)
-    if not name or name in OF_A_RECORD:
+    if name in OF_A_RECORD or not (name or unit_below):
         return Meaning(name or None)
     if _LOGARITHM.search(name):
         return _logarithm(name)
@@ -94,10 +98,11 @@ def interpret_name(name: str, unit_below: str = "") -> Meaning:
         thousand = match[1] not in (None, "1") or re.search(r"10\^?[-−]3|\bk", match[2] + unit_below) is not None
         unit = "1000/K" if thousand else "1/K"
         return Meaning("temperature_degC", unit, False, "1/K is a reciprocal temperature", True)
-    words, unit = split_unit(name)
+    words, unit, loose = split_unit(name)
     if unit and unit_below and parse_unit(unit) != parse_unit(unit_below):
         return replace(_interpret(words, unit), certain=False, doubt=f"two units, {unit!r} and {unit_below!r}")
-    return _interpret(words, unit or unit_below)
+    meaning = _interpret(words, unit or unit_below)
+    return replace(meaning, certain=False) if loose else meaning
 
 
 def contradicting_unit(name: str, unit_below: str, ending: str) -> str:
@@ -117,28 +122,23 @@ def _cleaned(name: str) -> str:
     return normalize_text(name.strip().strip("\"'")[:200])[:200]
 
 
-def split_unit(name: str) -> tuple[str, str]:
-    """Split a name into words and unit: 'T [K]', 'T / K', 'T_K', 'Temp degC'; the unit is '' if there is none."""
+def split_unit(name: str) -> tuple[str, str, bool]:
+    """Split a name into words and unit ('' if there is none): 'T [K]', 'T / K', 'T_K', 'Temp degC'; and return True if
+    the unit is a letter behind words that name no quantity, as in 'y_C' or 'Input_A', and may be something else."""
     if match := re.fullmatch(r"(.*?)\s*[\[({<]([^\[\](){}<>]*)[\])}>]\s*", name):
-        return match[1], match[2]
+        return match[1], match[2], False
     if (match := re.fullmatch(r"(.*?)\s*(?:/|,|;|\bin\b)\s*(\S{1,12})", name)) and parse_unit(match[2]) is not None:
-        return match[1], match[2]
+        return match[1], match[2], False
     if match := re.fullmatch(r"(.*?)([_\s]+)([^\s_]+)", name):
         unit = parse_unit(match[3])
+        quantities, roles, _ = _classify(match[1])
         # A single letter after a blank is a channel's ('Input A'); after an underscore it may be a unit ('T_K').
-        if unit is not None and (len(match[3]) > 1 or ("_" in match[2] and _fits(match[1], unit[0]))):
-            return match[1], match[3]
+        letter = unit is not None and "_" in match[2] and all(_ENDING[name] == unit[0] for name in quantities)
+        if unit is not None and (len(match[3]) > 1 or letter):
+            return match[1], match[3], len(match[3]) == 1 and not quantities and not roles
     if parse_unit(name) is not None and (len(name) > 1 or name in ("s", "K")):
-        return "", name
-    return name, ""
-
-
-def _fits(words: str, ending: str) -> bool:
-    """Return True if words name a quantity whose unit has this ending, or nothing but a role."""
-    quantities, roles, unknown = _classify(words)
-    if not quantities:
-        return bool(roles) and not unknown
-    return len(quantities) == 1 and _ENDING[next(iter(quantities))] == ending
+        return "", name, False
+    return name, "", False
 
 
 def _classify(words: str) -> tuple[set[str], set[str], list[str]]:
@@ -177,12 +177,13 @@ def _interpret(words: str, unit_text: str) -> Meaning:
         quantities = {"drive" if percent else "current"}
     elif ending == "ohm" and quantities == {"resistance" if of_conductance else "conductance"}:
         text = f"the name says {next(iter(quantities))}, the unit {unit_text}"
-        return Meaning("resistance_ohm", unit, False, text, True)
+        other = "ohm" if of_conductance else "S"
+        return Meaning("resistance_ohm", unit, False, text, True, (str(unit), other))
     ours = _our_column(quantities, roles)
     if ours is None or _ENDING[next(iter(quantities))] != ending:
         return Meaning(None, None, False, "", True)
     doubt = f"unit {unit_text!r} can be milliohms or megohms" if unit is None else ""
-    return Meaning(ours, unit, not unknown and unit is not None, doubt, True)
+    return Meaning(ours, unit, not unknown and unit is not None, doubt, True, () if unit else ("Mohm", "mohm"))
 
 
 def _our_column(quantities: set[str], roles: set[str]) -> str | None:
@@ -199,7 +200,7 @@ def _logarithm(name: str) -> Meaning:
         return Meaning("resistance_ohm", "lnohm", True, "", True)
     if re.search(r"(?i)\b(log_?10|lg)", name):
         return Meaning("resistance_ohm", "log10ohm", True, "", True)
-    return Meaning("resistance_ohm", None, False, "the logarithm's base is not given", True)
+    return Meaning("resistance_ohm", None, False, "the logarithm's base is not given", True, LOGARITHMS)
 
 
 def unit_ending(ours: str) -> str:

@@ -6,7 +6,6 @@ which column was taken for which. A file whose columns are not clear is refused,
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,25 +16,15 @@ from numpy.typing import NDArray
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
 from rig.core.python_words import in_python
-from rig.records.branches import RowOrder, order_branch_rows, reverse_second_branch, stack_branch_columns
+from rig.records.branches import RowOrder, join_loop, reverse_second_branch, split_branches
 from rig.records.column_choice import Choice, ColumnChoice
 from rig.records.column_names import ColumnMapping, column_option, unit_ending
 from rig.records.long_table import pivot_readings
-from rig.records.numbers import AmbiguousNumber, find_overload, parse_number, read_numbers, tidy_number
+from rig.records.numbers import DECIMALS, BadField, find_overload
 from rig.records.plausibility import find_implausible_values
-from rig.records.record import Record
+from rig.records.record import Record, without_false_readings
 from rig.records.table import Column, Table, frame_columns, table_from_arrays
-from rig.records.thermometer_faults import find_false_readings, mask_readings
-from rig.records.times import (
-    SECOND_FRACTIONS,
-    SUMMER_TIME,
-    AmbiguousTime,
-    clock_changes,
-    is_clock_time,
-    is_date,
-    is_time,
-    read_times,
-)
+from rig.records.times import SECOND_FRACTIONS, SUMMER_TIME, clock_changes, is_clock_time, is_date, is_time, read_times
 from rig.records.units import CONDUCTANCES, DRIVE_SHARES, LOGARITHMS, UNITS
 
 FEW_ROWS = 20  # in more, some may follow a clock that was set back
@@ -96,11 +85,36 @@ def record_from_table(
 
     options: the user can type --column, so that faults may say what to type.
     """
-    mappings, order = list(mappings), order or RowOrder()
+    mappings, needs, order = list(mappings), list(needs), order or RowOrder()
     if order.reversed:
         table = table.select(range(len(table.line_of))[::-1])
-    table = _reshape(table, mappings, order)
-    table, mappings = _with_typed_times(table, mappings, order)
+    parts = _parts(table, mappings, order)
+    records: list[Record] = []
+    faults: dict[str, None] = {}
+    for part in parts.values():
+        try:
+            records.append(_record_of_part(*_with_typed_times(part, mappings, order), needs, options))
+        except Faults as found:
+            faults |= dict.fromkeys(found.lines)
+    if faults:
+        raise Faults(faults)
+    return join_loop(records, list(parts)) if len(records) > 1 else reverse_second_branch(records[0], order)
+
+
+def _parts(table: Table, mappings: Sequence[ColumnMapping], order: RowOrder) -> dict[str, Table]:
+    """Return tables with a row for each moment and a column for each quantity: one for each branch, by its sense, or
+    {"": table}. The table stays as it is if the user typed names that it would lose, or numbers of its columns."""
+    parts = split_branches(pivot_readings(table), order.branches)
+    names = [column.name for column in table.columns]
+    for mapping in mappings:
+        found = [mapping.find([column.name for column in part.columns]) for part in parts.values()]
+        by_number = len(parts) > 1 and mapping.theirs.strip().startswith("#")
+        if mapping.find(names) is not None and (None in found or by_number):
+            return {"": table}
+    return parts
+
+
+def _record_of_part(table: Table, mappings: Sequence[ColumnMapping], needs: Sequence[str], options: bool) -> Record:
     choice = ColumnChoice(table, options)
     choice.choose_typed(mappings)
     choice.choose_own()
@@ -109,20 +123,7 @@ def record_from_table(
         choice.ask(["time_s", *(name for name in needs if name != "time_s")])
     if choice.faults:
         raise Faults(choice.faults)
-    return reverse_second_branch(_convert(choice), order)
-
-
-def _reshape(table: Table, mappings: Sequence[ColumnMapping], order: RowOrder) -> Table:
-    """Return the table with a row for each moment and a column for each quantity; the table itself if the user typed
-    names that it would lose."""
-    try:
-        shaped = order_branch_rows(stack_branch_columns(pivot_readings(table), order.branches))
-    except Faults:
-        if any(each.find([column.name for column in table.columns]) is not None for each in mappings):
-            return table
-        raise
-    before, after = ([column.name for column in each.columns] for each in (table, shaped))
-    return table if any(m.find(before) is not None and m.find(after) is None for m in mappings) else shaped
+    return _convert(choice)
 
 
 def _with_typed_times(
@@ -160,16 +161,19 @@ def _convert(choice: ColumnChoice) -> Record:
     texts: dict[str, list[str]] = {}
     faults: list[str] = []
     for k, name in _columns_in_order(choice):
+        chosen = choice.chosen.get(name)
+        ours = chosen is not None and chosen.index == k
         try:
-            chosen = choice.chosen.get(name)
-            if chosen is not None and chosen.index == k:
-                values[name] = _convert_column(choice, name, chosen)
-            else:
-                values[name] = choice.numbers(k).values
+            values[name] = _convert_column(choice, name, chosen) if ours and chosen else choice.numbers(k).values
+        except BadField as bad:
+            if ours:
+                expected = bad.expected
+                if not choice.options:  # of a target: nobody can type --decimal
+                    expected = expected.replace(DECIMALS, "expected decimals with a point")
+                faults.append(_line(choice.table, bad.row, f"{name}: {bad.text[:40]!r}: {expected}"))
+            texts[name] = list(choice.table.columns[k].texts or [])
         except Faults as found:
             faults += found.lines
-        except ValueError:
-            texts[name] = list(choice.table.columns[k].texts or [])
     if faults:
         raise Faults(faults)
     table, values, texts = _in_time(choice, values, texts)
@@ -178,11 +182,11 @@ def _convert(choice: ColumnChoice) -> Record:
         raise Faults(faults)
     current = choice.chosen.get("current_A")
     drive = current.unit if current is not None and current.unit in DRIVE_SHARES else None
-    raw, left_out = values.get("temperature_degC"), tuple(find_false_readings(values))
-    if raw is not None and left_out:
-        values["temperature_degC"] = mask_readings(raw, left_out)
-    notes = _notes(choice)
-    return Record(values, table.source, drive, texts, notes, left_out, raw if left_out else None, table.times)
+    return without_false_readings(Record(values, table.source, drive, texts, _notes(choice), times=table.times))
+
+
+def _line(table: Table, row: int, text: str) -> str:
+    return f"{table.source}: {table.place_of(row)}: {text}"
 
 
 def _columns_in_order(choice: ColumnChoice) -> list[tuple[int, str]]:
@@ -201,11 +205,17 @@ def _in_time(
     choice: ColumnChoice, values: dict[str, Array], texts: dict[str, list[str]]
 ) -> tuple[Table, dict[str, Array], dict[str, list[str]]]:
     """Return the rows without the few that have no place in time: repeated word for word, or written while a clock that
-    was set back by less than a second caught up. Raises Faults if a clock went back by an hour."""
+    was set back by less than a second caught up. Raises Faults if a clock of dates went back by an hour, once."""
     table, time = choice.table, values["time_s"]
     if np.all(np.diff(time) > 0.0) or not np.all(np.isfinite(time)):
         return table, values, texts
-    _refuse_summer_time(choice, time)
+    chosen = choice.chosen["time_s"]
+    hour = np.flatnonzero(clock_changes(time) > 0.0)
+    if hour.size == 1 and is_time(choice.firsts[chosen.index]):
+        layout = f"{chosen.layout}+{SUMMER_TIME}" if chosen.layout else SUMMER_TIME
+        option = column_option("time_s", choice.names, chosen.index, layout)
+        text = f"time_s: the clock went back by 1 h (end of summer time?); expected {option}"
+        raise Faults([_line(table, int(hour[0]), text)])
     seen: dict[tuple[object, ...], int] = {}
     fields = zip(*(column.fields for column in table.columns), strict=True)
     first = np.array([seen.setdefault(row, k) for k, row in enumerate(fields)], dtype=np.intp)
@@ -233,104 +243,48 @@ def _rows_text(table: Table, rows: NDArray[np.intp]) -> str:
     return table.place_of(int(rows[0])) + (f" and {rows.size - 1} more" if rows.size > 1 else "")
 
 
-def _refuse_summer_time(choice: ColumnChoice, time: Array) -> None:
-    """Raise Faults if a clock in a column of dates goes back by an hour, once."""
-    chosen = choice.chosen["time_s"]
-    back = np.flatnonzero(clock_changes(time) > 0.0)
-    if back.size == 1 and is_time(choice.firsts[chosen.index]):
-        expected = _summer_time_option(choice, chosen)
-        text = f"time_s: the clock went back by 1 h (end of summer time?); expected {expected}"
-        raise fault(choice.table.source, choice.table.place_of(int(back[0])), text)
-
-
-def _summer_time_option(choice: ColumnChoice, chosen: Choice) -> str:
-    layout = f"{chosen.layout}+{SUMMER_TIME}" if chosen.layout else SUMMER_TIME
-    return column_option("time_s", choice.names, chosen.index, layout)
-
-
 def _convert_column(choice: ColumnChoice, ours: str, chosen: Choice) -> Array:
-    """Return one of our columns in its unit. Raises Faults with the first field that is no number or no time."""
-    table, k, ending = choice.table, chosen.index, unit_ending(ours)
-    first = f"{ours}: {choice.firsts[k][:40]!r}"
-    if ours == "time_s" and is_time(choice.firsts[k]):
-        if chosen.how == "typed" and chosen.unit_typed and chosen.layout is None:
-            expected = column_option(ours, choice.names, k)
-            text = f"{first} is a date or a clock's time, and was typed as a number in {chosen.unit}"
-            raise fault(table.source, table.place_of(0), f"{text}; expected {expected}")
-        return _convert_times(choice, chosen)
-    if chosen.layout is not None:
+    """Return one of our columns in its unit. Raises BadField, or Faults for times that were typed as numbers."""
+    k, ending = chosen.index, unit_ending(ours)
+    first, of_time = f"{ours}: {choice.firsts[k][:40]!r}", ours == "time_s" and is_time(choice.firsts[k])
+    if of_time and chosen.how == "typed" and chosen.unit_typed and chosen.layout is None:
+        text = f"{first} is a date or a clock's time, and was typed as a number in {chosen.unit}"
+        raise Faults([_line(choice.table, 0, f"{text}; expected {column_option(ours, choice.names, k)}")])
+    if chosen.layout is not None and not of_time:
         text = f"{first} was typed as a date or a clock's time ({chosen.layout}); expected one, or a unit such as @s"
-        raise fault(table.source, table.place_of(0), text)
-    try:
-        numbers = choice.numbers(k, ending)
-    except AmbiguousNumber as error:
-        field, texts = str(error), table.columns[k].texts or []
-        place = table.place_of(texts.index(field)) if field in texts else table.place
-        expected = "--decimal , or --decimal ." if choice.options else "decimals with a point"
-        text = f"{ours}: {field[:40]!r}: a comma or point before decimals, or between thousands?"
-        raise fault(table.source, place, f"{text} expected {expected}") from None
-    except ValueError:
-        raise _not_numbers(choice, ours, k) from None
+        raise Faults([_line(choice.table, 0, text)])
+    if of_time:
+        return _convert_times(choice, chosen)
+    numbers = choice.numbers(k, ending)
     choice.notes += [f"in {ours} {text}" for text in numbers.notes]
-    values, infinite = numbers.values, np.isinf(numbers.values)
+    values = numbers.values
     if ours == "time_s" and (whole := _add_fractions(choice, values, [k])) is not None:
         values, name = whole
         choice.notes.append(f"time_s with {name!r}")
+    infinite = np.isinf(values)
     if numbers.ending is None and chosen.unit != ending:
         values = np.asarray(UNITS[ending][chosen.unit](values), dtype=np.float64)
-    if ours == "resistance_ohm" and chosen.unit not in LOGARITHMS and np.any(np.isneginf(values)):
-        choice.notes.append(f"in {ours} -inf read as beyond the range ({int(np.sum(np.isneginf(values)))} rows)")
-        values = np.where(np.isneginf(values), np.inf, values)
-    if np.any(infinite):
-        _refuse_long_numbers(table, ours, k, infinite)
-        if ending in ("degC", "A"):  # only of a resistance does an overload mean something
-            choice.notes.append(f"in {ours} values beyond the range read as no reading ({int(np.sum(infinite))} rows)")
-            values = np.where(infinite, np.nan, values)
-    if ours == "resistance_ohm" and chosen.unit not in CONDUCTANCES and np.any(overload := find_overload(values)):
-        largest, rows = float(np.max(values[overload])), int(np.sum(overload))
-        choice.notes.append(f"in {ours} {largest:g} ohm, far above all else, read as beyond the range ({rows} rows)")
-        values = np.where(overload, np.inf, values)
-    return values
+    if ending in ("degC", "A") and np.any(infinite):  # only of a resistance does an overload mean something
+        choice.notes.append(f"in {ours} values beyond the range read as no reading ({int(np.sum(infinite))} rows)")
+        return np.where(infinite, np.nan, values)
+    return _with_overload(choice, values, chosen.unit) if ours == "resistance_ohm" else values
 
 
-def _refuse_long_numbers(table: Table, ours: str, k: int, infinite: NDArray[np.bool_]) -> None:
-    """Raise Faults if a field became infinite because no double holds its digits; written infinities are overloads."""
-    texts = table.columns[k].texts or []
-    rows = [int(row) for row in np.flatnonzero(infinite)] if texts else []
-    long = [row for row in rows if sum(map(str.isdigit, texts[row])) > 2]
-    wrong = [row for row in long if not re.search(r"[eE]\+?0*3[78]\b", texts[row])]  # IEEE 488.2's infinity
-    if wrong:
-        more = f" ({len(wrong)} such fields)" if len(wrong) > 1 else ""
-        text = f"{ours}: {texts[wrong[0]][:24]!r}: expected a number that a double holds{more}"
-        raise fault(table.source, table.place_of(wrong[0]), text)
-
-
-def _not_numbers(choice: ColumnChoice, ours: str, k: int) -> Faults:
-    """Return the fault of the first field that is no number, with how many more there are."""
-    table, wrong = choice.table, []
-    for row, text in enumerate(table.columns[k].texts or []):
-        try:
-            read_numbers([text], table.decimal, unit_ending(ours))
-        except AmbiguousNumber:
-            continue
-        except ValueError:
-            wrong.append((row, text))
-    if not wrong:
-        return fault(table.source, ours, "some fields have a unit and some have none; expected one way of writing")
-    (row, text), hint = wrong[0], ""
-    if table.decimal.sign != ",":
-        try:
-            parse_number(tidy_number(text), ",")
-            hint = " with a point"
-        except ValueError:
-            pass
-    more = f" ({len(wrong)} such fields, to {table.place_of(wrong[-1][0])})" if len(wrong) > 1 else ""
-    return fault(table.source, table.place_of(row), f"{ours}: {text[:40]!r}: expected a number{hint}{more}")
+def _with_overload(choice: ColumnChoice, ohm: Array, unit: str) -> Array:
+    """Return resistances with inf where the meter wrote that they are beyond its range, in whatever way."""
+    found = {"-inf": np.isneginf(ohm) & (unit not in LOGARITHMS)}
+    if unit not in CONDUCTANCES and np.any(overload := find_overload(ohm)):
+        found[f"{float(np.max(ohm[overload])):g} ohm, far above all else,"] = overload
+    for written, rows in found.items():
+        if np.any(rows):
+            choice.notes.append(f"in resistance_ohm {written} read as beyond the range ({int(np.sum(rows))} rows)")
+            ohm = np.where(rows, np.inf, ohm)
+    return ohm
 
 
 def _convert_times(choice: ColumnChoice, chosen: Choice) -> Array:
     """Return dates and clock times as seconds; a column of dates goes with one of clock times, and of milliseconds."""
-    table, k, layout = choice.table, chosen.index, chosen.layout
+    table, k = choice.table, chosen.index
     fields = list(table.columns[k].texts or [])
     indices, names = [k], ""
     if is_date(choice.firsts[k]):
@@ -338,21 +292,7 @@ def _convert_times(choice: ColumnChoice, chosen: Choice) -> Array:
         if clock is not None:
             fields = [f"{a} {b}".strip() for a, b in zip(fields, table.columns[clock].texts or [], strict=True)]
             indices, names = [k, clock], f" with {choice.shown[clock]!r}"
-    try:
-        times = read_times(fields, layout)
-    except AmbiguousTime as error:
-        options = " or ".join(column_option("time_s", choice.names, k, each) for each in error.layouts)
-        text = f"time_s: {fields[0][:40]!r}: {error}?" + (f" expected {options}" if options else "")
-        raise fault(table.source, table.place_of(0), text) from None
-    except ValueError as error:
-        bad = str(error)
-        place = table.place_of(fields.index(bad)) if bad in fields else table.place
-        raise fault(table.source, place, f"time_s: {bad[:60]!r}: expected a time as in the other rows") from None
-    missing = np.flatnonzero(clock_changes(times.seconds) < 0.0)
-    if missing.size == 1 and not (layout or "").endswith(SUMMER_TIME):
-        place = table.place_of(int(missing[0]))
-        option = _summer_time_option(choice, chosen)
-        choice.notes.append(f"an hour is missing before {place}: if summer time began there, {option}")
+    times = read_times(fields, chosen.layout, lambda layout: column_option("time_s", choice.names, k, layout))
     whole = _add_fractions(choice, times.seconds, indices)
     choice.notes.append(f"{times.note}{names}" + (f" with {whole[1]!r}" if whole is not None else ""))
     return times.seconds if whole is None else whole[0]

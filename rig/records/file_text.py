@@ -6,18 +6,17 @@ units differ; the encoding is the one that gives Western letters, signs of units
 
 from __future__ import annotations
 
-import ast
 import codecs
 import io
 import json
 import re
 import tomllib
 import zlib
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
 from rig.core.faults import fault
-from rig.records.column_names import interpret_name
 
 COMPRESSED = ((b"\x1f\x8b", "gzip"), (b"BZh", "bz2"), (b"\xfd7zXZ\x00", "lzma"))
 MOST_BYTES = 1_000_000_000  # unpacked: a record of ten million rows
@@ -47,7 +46,7 @@ FILE_KINDS = (
     (b"\xd0\xcf\x11\xe0", "a workbook or document of old (.xls, .doc), or one with a password; save it as CSV"),
 )
 MOST_TEXT_BYTES = 1_000_000  # of a configuration, a program or a letter
-FEW_DIGITS = 0.02  # of the characters: in a table of numbers more than half are digits
+TOML_KINDS = {"a configuration (TOML)": {"bench", "experiment"}, "a model file (TOML)": {"film", "plate"}}
 
 
 def read_text_of(data: bytes, path: Path) -> tuple[str, list[str]]:
@@ -139,40 +138,13 @@ def describe_file(path: Path) -> str:
     if len(data) > MOST_TEXT_BYTES or b"\0" in data:
         return ""
     text = data.decode("utf-8", errors="replace").lstrip("\ufeff").replace("\r\n", "\n")
-    for describe in (_describe_toml, _describe_json, _describe_python, _describe_prose):
-        try:
-            if kind := describe(text):
-                return kind
-        except (ValueError, SyntaxError, RecursionError, MemoryError):
-            continue
-    return ""
-
-
-def _describe_toml(text: str) -> str:
-    tables = tomllib.loads(text)
-    if "bench" in tables or "experiment" in tables:
-        return "a configuration (TOML)"
-    if "film" in tables or "plate" in tables:
-        return "a model file (TOML)"
-    return "a TOML file" if tables else ""
-
-
-def _describe_json(text: str) -> str:
-    return "a JSON file" if isinstance(json.loads(text), (dict, list)) else ""
-
-
-def _describe_python(text: str) -> str:
-    program = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef)
-    return "a Python program" if any(isinstance(each, program) for each in ast.parse(text).body) else ""
-
-
-def _describe_prose(text: str) -> str:
-    """Describe mark-up, or lines of words with hardly a digit of which none names a column."""
     if re.match(r"\s*<(\?xml|!doctype|html|svg)", text, re.IGNORECASE):
         return "an HTML or XML page"
-    lines = [line for line in text.splitlines() if line.strip()]
-    words = re.findall(r"[^\W\d_]{2,}", text)
-    if len(lines) < 2 or sum(map(str.isdigit, text)) > FEW_DIGITS * len(text) or len(words) < 2 * len(lines):
-        return ""
-    named = any(interpret_name(name).ours is not None for name in re.split(r"[\t;,|]", lines[0]))
-    return "" if named else "words without a row of numbers"
+    with suppress(ValueError, RecursionError):
+        if isinstance(json.loads(text), (dict, list)):
+            return "a JSON file"
+    with suppress(ValueError, RecursionError):
+        tables = tomllib.loads(text)
+        named = [kind for kind, keys in TOML_KINDS.items() if keys & tables.keys()]
+        return next(iter(named), "a TOML file" if tables else "")
+    return ""

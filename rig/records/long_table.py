@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -36,10 +36,10 @@ Label = tuple[str, ...]
 def pivot_readings(table: Table) -> Table:
     """Return the table with a column for each channel; the table itself if its rows are not single readings."""
     names = [column.name.strip().lower() for column in table.columns]
-    found = [k for wanted in VALUE_NAMES for k, name in enumerate(names) if name == wanted]
-    value = next((k for k in found if np.any(table.columns[k].filled())), None)
-    unit = next((k for k, name in enumerate(names) if name in UNIT_NAMES and table.columns[k].texts is not None), None)
-    keys = [k for k, name in enumerate(names) if name in CHANNEL_NAMES and np.any(table.columns[k].filled())]
+    filled = [k for k, column in enumerate(table.columns) if np.any(column.filled())]
+    value = next((k for name in VALUE_NAMES for k in filled if names[k] == name), None)
+    unit = next((k for k in filled if names[k] in UNIT_NAMES and table.columns[k].texts is not None), None)
+    keys = [k for k in filled if names[k] in CHANNEL_NAMES]
     meanings = {column.meaning.ours for column in table.columns}
     if value is None or (unit is None and not keys) or {"temperature_degC", "resistance_ohm"} <= meanings:
         return table
@@ -47,116 +47,96 @@ def pivot_readings(table: Table) -> Table:
     if "relative time" in names and unit is not None:  # Keithley's manuals: in seconds
         k = names.index("relative time")
         columns[k] = replace(columns[k], unit="s")
-        table = replace(table, columns=columns)
-    labels = _labels(table, [*keys, *([unit] if unit is not None else [])])
+    # the channel of each row: its labels, and its unit last
+    units = _texts(columns[unit]) if unit is not None else [""] * len(table.line_of)
+    labels: list[Label] = list(zip(*(_texts(columns[k]) for k in keys), units, strict=True))
     channels = list(dict.fromkeys(labels))
     if len(channels) == 1:  # no other channel: its unit belongs to the column
-        written = channels[0][-1] if unit is not None else ""
-        if parse_unit(written) is None:
-            return table
-        columns[value] = replace(columns[value], unit=written)
-        return replace(table, columns=columns)
+        columns[value] = replace(columns[value], unit=channels[0][-1])
+        return replace(table, columns=columns) if parse_unit(channels[0][-1]) is not None else table
     if len(channels) > MOST_CHANNELS or 2 * len(channels) > len(labels):
         return table
-    return _pivot(table, value, unit, keys, labels, channels)
+    return _pivot(replace(table, columns=columns), {value, unit, *keys}, columns[value], labels, channels)
 
 
-def _labels(table: Table, indices: Sequence[int]) -> list[Label]:
-    """Return the channel of each row, with the unit last."""
-    columns = [table.columns[k] for k in indices]
-    texts = (c.texts if c.texts is not None else [f"{v:g}" for v in np.asarray(c.fields)] for c in columns)
-    return list(zip(*texts, strict=True))
+def _texts(column: Column) -> Sequence[str]:
+    return column.texts if column.texts is not None else [f"{value:g}" for value in np.asarray(column.fields)]
 
 
 def _pivot(
-    table: Table, value: int, unit: int | None, keys: Sequence[int], labels: Sequence[Label], channels: Sequence[Label]
+    table: Table, taken: set[int | None], value: Column, labels: Sequence[Label], channels: Sequence[Label]
 ) -> Table:
-    others = [k for k in range(len(table.columns)) if k not in (value, unit, *keys)]
-    clocks = [clock for k in others if (clock := _read_clock(table, k)) is not None]
-    clocks.sort(key=lambda clock: len(set(clock.stamps)) == 1)  # a clock that stands still is the last choice
-    clock = clocks[0] if clocks else None
-    moments = _moments(labels, clock, channels)
-    if moments is None:
+    """Return the table with the values of each channel in a column. taken: the columns of values, units and labels."""
+    others = [column for k, column in enumerate(table.columns) if k not in taken]
+    clocks = [clock for column in others if (clock := _seconds(column, table)) is not None]
+    clocks.sort(key=lambda clock: bool(np.ptp(clock[0]) == 0.0))  # a clock that stands still is the last choice
+    seconds, known, dated = clocks[0] if clocks else (None, False, False)
+    stacked = sum(a != b for a, b in pairwise(labels)) == len(channels) - 1  # a channel's rows below another's
+    moments = _moments(labels, seconds, len(channels), stacked)
+    if stacked and 2 * sum(len(one) == len(channels) for one in moments) <= len(moments):  # no time tells them apart
         return table
-    named = [(" ".join(c[:-1] if unit is not None else c).strip(), c[-1] if unit is not None else "") for c in channels]
-    meanings = [interpret_name(name, below).ours for name, below in named]
+    named = [(" ".join(channel[:-1]).strip(), channel[-1]) for channel in channels]
+    meanings = [interpret_name(name, unit).ours for name, unit in named]
     main = meanings.index("temperature_degC") if "temperature_degC" in meanings else 0
     rows = [[moment.get(channel, -1) for moment in moments] for channel in channels]
     row_of = [next(k for k in (row[main], *row) if k >= 0) for row in zip(*rows, strict=True)]
-    columns = [table.columns[k].select(row_of) for k in others]
-    for (name, below), own in zip(named, rows, strict=True):
-        columns.append(replace(table.columns[value].select(own), name=name, unit=below))
-    fractions = any(table.columns[k].name.strip().lower() in SECOND_FRACTIONS for k in others)
-    if clock is not None and clock.in_seconds and meanings.count("resistance_ohm") == 1 and not fractions:
+    columns = [column.select(row_of) for column in others]
+    columns += [replace(value.select(own), name=name, unit=unit) for (name, unit), own in zip(named, rows, strict=True)]
+    fractions = any(column.name.strip().lower() in SECOND_FRACTIONS for column in others)
+    if seconds is not None and known and meanings.count("resistance_ohm") == 1 and not fractions:
         read = np.asarray(rows[meanings.index("resistance_ohm")])
-        seconds = np.where(read < 0, np.nan, clock.seconds[read])
-        if np.any(np.abs(seconds - clock.seconds[row_of]) > 0.0):
-            columns.append(Column("resistance_time_s", seconds - (clock.seconds[row_of[0]] if clock.dated else 0.0)))
+        read_s = np.where(read < 0, np.nan, seconds[read])
+        if np.any(np.abs(read_s - seconds[row_of]) > 0.0):
+            columns.append(Column("resistance_time_s", read_s - (seconds[row_of[0]] if dated else 0.0)))
     notes = [*table.notes, f"a row for each reading, of {', '.join(repr(name) for name, _ in named)}: taken as columns"]
     return replace(table, columns=columns, line_of=[table.line_of[k] for k in row_of], notes=notes)
 
 
-@dataclass(frozen=True, eq=False)
-class _Clock:
-    """The times of the rows: as in the file (stamps), and in seconds (nan if unreadable).
-
-    dated: dates or clock times, counted from the first row. in_seconds: the unit is known.
-    """
-
-    stamps: Sequence[str | float]
-    seconds: Array
-    dated: bool = False
-    in_seconds: bool = True
-
-
-def _read_clock(table: Table, k: int) -> _Clock | None:
-    column = table.columns[k]
+def _seconds(column: Column, table: Table) -> tuple[Array, bool, bool] | None:
+    """Return a column of times in seconds; True if its unit is known; True if it holds dates or clock times, which
+    count from the first row. None if it has no times, or some that cannot be read."""
     meaning, texts = column.meaning, column.texts
     dated = texts is not None and is_time(next((text for text in texts if text.strip()), ""))
     if meaning.ours != "time_s" and meaning.unit != "s" and not dated:
         return None
-    stamps: list[str | float] = [*texts] if texts is not None else np.asarray(column.fields).tolist()
     try:
         if texts is not None and dated:
-            return _Clock(stamps, read_times(texts).seconds, True)
-        seconds = UNITS["s"][meaning.unit or "s"](column.numbers(table.decimal).values)
-        return _Clock(stamps, np.asarray(seconds, dtype=np.float64), in_seconds=meaning.unit is not None)
+            seconds = read_times(texts).seconds
+        else:
+            seconds = np.asarray(UNITS["s"][meaning.unit or "s"](column.numbers(table.decimal).values))
     except (ValueError, KeyError):
-        return _Clock(stamps, np.full(len(stamps), np.nan))
+        return None
+    return (seconds, dated or meaning.unit is not None, dated) if np.all(np.isfinite(seconds)) else None
 
 
-def _moments(labels: Sequence[Label], clock: _Clock | None, channels: Sequence[Label]) -> list[dict[Label, int]] | None:
-    """Return the rows of each moment by channel; None if no time tells them apart.
+def _moments(labels: Sequence[Label], seconds: Array | None, channels: int, stacked: bool) -> list[dict[Label, int]]:
+    """Return the rows of each moment by channel.
 
-    A moment ends when a channel comes again or a row is much later than the one before. If each channel's rows stand
-    together, rows with the same time belong together.
+    A moment ends when a channel comes again, or if a row is much later than the one before. Rows of channels that are
+    stacked are put in the order of time before: of those with the same time a channel's first belongs with the first of
+    the others.
     """
-    if sum(a != b for a, b in pairwise(labels)) == len(channels) - 1:
-        if clock is None:
-            return None
-        together: dict[tuple[str | float, int], dict[Label, int]] = {}
-        seen: Counter[tuple[str | float, Label]] = Counter()
-        for k, (label, stamp) in enumerate(zip(labels, clock.stamps, strict=True)):
-            together.setdefault((stamp, seen[stamp, label]), {})[label] = k
-            seen[stamp, label] += 1
-        found = list(together.values())
-        return found if 2 * sum(len(one) == len(channels) for one in found) > len(found) else None
-    late = _late_rows(clock, len(labels), len(channels))
+    order = list(range(len(labels)))
+    if stacked and seconds is not None:
+        again: Counter[tuple[float, Label]] = Counter()
+        keys = []
+        for key in zip(seconds.tolist(), labels, strict=True):
+            keys.append((key[0], again[key]))
+            again[key] += 1
+        order.sort(key=keys.__getitem__)
+    late = _late_rows(seconds[order] if seconds is not None else None, channels)
     moments: list[dict[Label, int]] = [{}]
-    for k, label in enumerate(labels):
-        if label in moments[-1] or late[k]:
+    for place, k in enumerate(order):
+        if labels[k] in moments[-1] or (late is not None and late[place]):
             moments.append({})
-        moments[-1][label] = k
+        moments[-1][labels[k]] = k
     return moments
 
 
-def _late_rows(clock: _Clock | None, rows: int, channels: int) -> NDArray[np.bool_]:
+def _late_rows(seconds: Array | None, channels: int) -> NDArray[np.bool_] | None:
     """Return the rows that come later after the one before than rows of one moment do: one step in `channels`."""
-    late = np.zeros(rows, dtype=np.bool_)
-    if clock is None or rows < 2 * channels or not np.all(np.isfinite(clock.seconds)):
-        return late
-    steps = np.abs(np.diff(clock.seconds))
-    within, between = np.quantile(steps, [0.5 * (channels - 1) / channels, 1.0 - 0.5 / channels])
-    if between > 2.0 * within:
-        late[1:] = steps > 0.5 * (within + between)
-    return late
+    if seconds is None or seconds.size < 2 * channels:
+        return None
+    steps = np.diff(seconds, prepend=seconds[0])
+    within, between = np.quantile(steps[1:], [0.5 * (channels - 1) / channels, 1.0 - 0.5 / channels])
+    return np.asarray(steps > 0.5 * (within + between)) if between > 2.0 * within else None

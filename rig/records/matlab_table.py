@@ -27,18 +27,15 @@ MOST_NUMBERS = 250_000_000  # in one array: 2 GB, and zeros of that size are com
 LONGEST = 400  # characters of a text: each row takes as much memory as the longest
 DEEPEST = 3  # structs inside each other
 NUMBERS = "biuf"  # numpy's kinds of real numbers
-# by class: what to type in MATLAB, and the column without which the object is needed
+# by class: what to type in MATLAB
 MATLAB_COMMANDS = {
-    "table": ("writetable({name}, '{stem}.csv')", "temperature_degC"),
-    "timetable": ("writetimetable({name}, '{stem}.csv')", "temperature_degC"),
-    "timeseries": (
-        "time_s = {name}.Time; {name}_data = {name}.Data; save('{stem}.mat', 'time_s', '{name}_data', '-append')",
-        "time_s",
-    ),
-    "datetime": ("time_s = seconds({name} - {name}(1)); save('{stem}.mat', 'time_s', '-append')", "time_s"),
-    "duration": ("time_s = seconds({name}); save('{stem}.mat', 'time_s', '-append')", "time_s"),
-    "": ("s = struct({name}); save('{stem}.mat', '-struct', 's', '-v7')", "temperature_degC"),
+    "table": "writetable({name}, '{stem}.csv')",
+    "timetable": "writetimetable({name}, '{stem}.csv')",
+    "datetime": "time_s = seconds({name} - {name}(1)); save('{stem}.mat', 'time_s', '-append')",
+    "duration": "time_s = seconds({name}); save('{stem}.mat', 'time_s', '-append')",
 }
+ANY_COMMAND = "s = struct({name}); save('{stem}.mat', '-struct', 's', '-v7')"
+TIMES = ("datetime", "duration")
 BROKEN = "cannot be read as .mat: its sizes and kinds do not fit its bytes"
 CHILD = "import sys; sys.path[:] = {paths!r}; from rig.records.matlab_table import send; send(sys.argv[1], {most})"
 
@@ -48,9 +45,9 @@ def matlab_table(path: Path) -> Table:
     vectors, objects = read_vectors(path)
     meanings = {interpret_name(name).ours for name, _ in vectors}
     for name, kind in objects:
-        command, needed = MATLAB_COMMANDS.get(kind, MATLAB_COMMANDS[""])
-        if needed not in meanings or not meanings & {"temperature_degC", "current_A"}:
-            typed = command.format(name=name, stem=path.stem)
+        needed = {"time_s" if kind in TIMES else "temperature_degC"}
+        if not needed <= meanings or not meanings & {"temperature_degC", "current_A"}:
+            typed = MATLAB_COMMANDS.get(kind, ANY_COMMAND).format(name=name, stem=path.stem)
             raise fault(path, name, f"a MATLAB {kind}, which only MATLAB reads; expected, typed there: {typed}")
     lengths = [values.size for _, values in vectors if values.size >= 2 and values.dtype.kind != "U"]
     if not lengths:

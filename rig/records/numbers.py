@@ -28,6 +28,7 @@ OVERLOAD_OHM = (0.9e9, 1.0e30)  # in this range older bench meters send a power 
 OVERLOAD_FACTOR = 30.0  # above every other reading: readings in between would be in the meter's next range
 LONGEST = 400  # characters of a number: a double written out in full has 327
 SAMPLED_ROWS = 2000
+DECIMALS = "expected --decimal , or --decimal ."
 PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 WITH_COMMA = re.compile(r"[-+]?(\d+,\d*|,\d+)([eE][-+]?\d+)?")
 THOUSANDS = {  # by the decimal sign
@@ -38,8 +39,15 @@ AMBIGUOUS = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")  # 1,234: a thousand, or o
 WITH_UNIT = re.compile(r"([-+]?[\d.,' ]*\d[.,]?(?:[eE][-+]?\d+)?)\s*([^\d\s.,+\-][^\d]{0,11})")
 
 
-class AmbiguousNumber(ValueError):
-    """A field whose comma or point may separate decimals or thousands."""
+class BadField(ValueError):
+    """A field that cannot be read as it stands.
+
+    row: its row; text: the field; expected: in words what stands there in other files.
+    """
+
+    def __init__(self, row: int, text: str, expected: str = "expected a number") -> None:
+        self.row, self.text, self.expected = row, text, expected
+        super().__init__(f"{text[:40]!r}: {expected}")
 
 
 @dataclass(frozen=True)
@@ -116,7 +124,7 @@ def _votes(fields: Iterable[str]) -> set[str]:
 
 
 def read_numbers(fields: Sequence[str], decimal: DecimalSign, ending: str | None = None) -> Numbers:
-    """Return fields as numbers. Raises ValueError with the first field that is none, AmbiguousNumber if its sign is.
+    """Return fields as numbers. Raises BadField for the first that is none, or whose decimal sign is not clear.
 
     ending: the unit that our column's name ends in, None for a column that is not ours. Fields that have units of
     their own, as in a handheld meter's log, are converted to that unit.
@@ -125,8 +133,8 @@ def read_numbers(fields: Sequence[str], decimal: DecimalSign, ending: str | None
         try:  # the fast way, and nearly every file's
             values = np.array([float(text) if text else math.nan for text in fields])
         except ValueError:
-            pass
-        else:
+            values = np.array([math.inf])
+        if not np.any(np.isinf(values)):  # by a word, or by more digits than a double holds
             if decimal.ambiguous_points and any("." in text for text in fields):
                 _sign_of(fields, decimal)
             return replace_sentinels(values, ending)
@@ -134,7 +142,7 @@ def read_numbers(fields: Sequence[str], decimal: DecimalSign, ending: str | None
 
 
 def _sign_of(fields: Sequence[str], decimal: DecimalSign) -> str:
-    """Return a column's decimal sign: the one typed, the column's own, or the file's. Raises AmbiguousNumber."""
+    """Return a column's decimal sign: the one typed, the column's own, or the file's. Raises BadField."""
     if decimal.typed:
         return decimal.sign
     votes = _votes(fields)
@@ -143,7 +151,8 @@ def _sign_of(fields: Sequence[str], decimal: DecimalSign) -> str:
     commas = any("," in text for text in fields)
     points = decimal.ambiguous_points and any("." in text for text in fields)
     if votes or (not decimal.sign if commas else points):
-        raise AmbiguousNumber(next(text for text in fields if "," in text or "." in text))
+        row = next(k for k, text in enumerate(fields) if "," in text or "." in text)
+        raise BadField(row, fields[row], "a comma or point before decimals, or between thousands? " + DECIMALS)
     return decimal.sign or "."
 
 
@@ -176,12 +185,12 @@ def find_overload(ohm: Array) -> NDArray[np.bool_]:
 
 def _read_each(fields: Sequence[str], decimal: DecimalSign, ending: str | None) -> Numbers:
     """Return fields as numbers one by one, in any spelling."""
-    first = next((text for text in fields if not is_blank(text)), "")
-    if first and not is_number(first):  # a column of words shows in its first
-        raise ValueError(first)
+    first = next((k for k, text in enumerate(fields) if not is_blank(text)), None)
+    if first is not None and not is_number(fields[first]):  # a column of words shows in its first
+        raise BadField(first, fields[first])
     sign = _sign_of(fields, decimal)
     values = np.full(len(fields), math.nan)
-    endings: set[str] = set()
+    endings: dict[str, int] = {}  # of fields with units, and '' of those without, with the first row of each
     overloads = 0
     for k, raw in enumerate(fields):
         text = tidy_number(raw) if len(raw) <= LONGEST else raw
@@ -196,15 +205,19 @@ def _read_each(fields: Sequence[str], decimal: DecimalSign, ending: str | None) 
         if not PLAIN.fullmatch(text) and len(text) <= LONGEST and (match := WITH_UNIT.fullmatch(text)):
             unit, text = parse_unit(match[2]), match[1].strip()
             if unit is None or unit[1] is None or (ending is not None and unit[0] != ending):
-                raise ValueError(raw)
-        number = parse_number(text, sign)
+                raise BadField(k, raw)
+        try:
+            number = parse_number(text, sign)
+        except ValueError:
+            raise BadField(k, raw) from None
         values[k] = number if unit is None else float(UNITS[unit[0]][str(unit[1])](np.array([number]))[0])
-        endings.add(unit[0] if unit is not None else "")
-    if endings - {""} and len(endings) > 1:
-        raise ValueError("numbers with a unit and numbers without one")
+        endings.setdefault(unit[0] if unit is not None else "", k)
+    if len(endings) > 1:
+        row = max(endings.values())
+        raise BadField(row, fields[row], "expected a unit in each field, or in none")
     notes = [f"fields such as OL read as beyond the range ({overloads} rows)"] if overloads else []
     numbers = replace_sentinels(values, ending, notes)
-    numbers.ending = next(iter(endings - {""}), None)
+    numbers.ending = next(iter(endings), "") or None
     return numbers
 
 
@@ -218,4 +231,7 @@ def parse_number(text: str, sign: str) -> float:
         text = text.replace(",", ".")
     if not PLAIN.fullmatch(text):
         raise ValueError(text)
-    return float(text)
+    number = float(text)
+    if math.isinf(number):
+        raise ValueError(f"{text[:20]}: more than a double holds")
+    return number

@@ -49,7 +49,6 @@ def find_implausible_values(
     check = _Check(table, values, chosen, names)
     with np.errstate(over="ignore", invalid="ignore"):
         return [
-            *check.exchanged_columns(),
             *check.times(),
             *check.resistance(),
             *(line for name in OWNERS for line in check.temperature(name)),
@@ -93,15 +92,6 @@ class _Check:
         choice = self.chosen.get(name)
         return choice.unit if choice is not None and not choice.unit_typed else ""
 
-    def exchanged_columns(self) -> list[str]:
-        """Check whether another column increases as times do, and the times do not."""
-        if np.all(np.diff(self.values["time_s"]) > 0.0):
-            return []
-        others = [name for name in ("temperature_degC", "resistance_ohm", "current_A") if name in self.values]
-        rising = [name for name in others if np.all(np.diff(self.values[name]) > 0.0)]
-        text = "time_s: its numbers do not increase, and those of {} do in every row: are two columns swapped?"
-        return [self._line(text.format(rising[0]))] if rising else []
-
     def times(self) -> list[str]:
         """Check that times are finite and increase, and are no dates as numbers."""
         time = self.values["time_s"]
@@ -110,21 +100,8 @@ class _Check:
             return faults
         steps = np.diff(time)
         back = np.flatnonzero(steps <= 0.0) + 1
-        if back.size == time.size - 1 > 1:
-            expected = "expected increasing times, or --reversed: the last row was taken first"
-            return [self._line(f"time_s: falls in every row; {expected}")]
         if back.size:
-            k, same = int(back[0]), int(np.sum(steps == 0.0))
-            if 2 * same > back.size and same > 1:
-                expected = "expected a time of its own for each row, or --period SECONDS if they are evenly spaced"
-                return [f"{self._line('time_s: the same as in the row before', k, back)}: {expected}"]
-            if clock_changes(time, DAY_S / 2.0)[k] > 0.0:
-                text = "time_s: the clock went back by 12 h: of 12 hours, without AM or PM?"
-                expected = "expected times of 24 hours, or --period SECONDS if the rows are evenly spaced"
-                return [self._line(f"{text} {expected}", k)]
-            anew = "; it starts again, as in another sweep: give each sweep a file of its own"
-            text = f"time_s: {float(time[k])!r} after {float(time[k - 1])!r}: expected increasing times"
-            return [self._line(text + anew * int(time[k] <= time[0]), k, back)]
+            return [*self._swapped(), self._do_not_increase(time, steps, back)]
         if np.max(np.abs(time)) > MOST_S:
             index = self.chosen["time_s"].index if "time_s" in self.chosen else None
             option = column_option("time_s", self.names, index, "ms") if index is not None else ""
@@ -135,6 +112,30 @@ class _Check:
             text = f"time_s: {time[0]:.8g} to {time[-1]:.8g}: a spreadsheet's dates, which count days?"
             return [self._line(f"{text} {self._either('time_s', 'd')}")]
         return []
+
+    def _swapped(self) -> list[str]:
+        """Return a line if another column increases in every row, as times do."""
+        others = [name for name in ("temperature_degC", "resistance_ohm", "current_A") if name in self.values]
+        rising = [name for name in others if np.all(np.diff(self.values[name]) > 0.0)]
+        text = "time_s: its numbers do not increase, and those of {} do in every row: are two columns swapped?"
+        return [self._line(text.format(name)) for name in rising[:1]]
+
+    def _do_not_increase(self, time: Array, steps: Array, back: NDArray[np.intp]) -> str:
+        """Return the line for times that do not increase in the rows `back`."""
+        k, same = int(back[0]), int(np.sum(steps == 0.0))
+        if back.size == time.size - 1 > 1:
+            expected = "expected increasing times, or --reversed: the last row was taken first"
+            return self._line(f"time_s: falls in every row; {expected}")
+        if 2 * same > back.size and same > 1:
+            expected = "expected a time of its own for each row, or --period SECONDS if they are evenly spaced"
+            return f"{self._line('time_s: the same as in the row before', k, back)}: {expected}"
+        if clock_changes(time, DAY_S / 2.0)[k] > 0.0:
+            text = "time_s: the clock went back by 12 h: of 12 hours, without AM or PM?"
+            expected = "expected times of 24 hours, or --period SECONDS if the rows are evenly spaced"
+            return self._line(f"{text} {expected}", k)
+        anew = "; it starts again, as in another sweep: give each sweep a file of its own"
+        text = f"time_s: {float(time[k])!r} after {float(time[k - 1])!r}: expected increasing times"
+        return self._line(text + anew * int(time[k] <= time[0]), k, back)
 
     def resistance(self) -> list[str]:
         """Check that resistances are positive, and no conductances."""

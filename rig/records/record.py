@@ -9,12 +9,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import fault
 from rig.records.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
-from rig.records.thermometer_faults import FalseReadings, describe_false_readings, mask_readings
+from rig.records.thermometer_faults import (
+    FalseReadings,
+    describe_false_readings,
+    find_false_readings,
+    mask_readings,
+)
 
 __all__ = ["Record", "Refused", "content_digest", "unit_of"]
 
@@ -102,37 +106,6 @@ class Record:
         raw = self.raw_temperature_degC
         return self.columns if raw is None else {**self.columns, "temperature_degC": raw}
 
-    def reordered(self, order: NDArray[np.intp]) -> Record:
-        """Return the record with its rows in another order; the times stay as they are."""
-        place, left_out = np.argsort(order), []
-        for one in self.left_out:
-            rows = np.sort(place[one.first : one.last + 1])
-            for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-                left_out.append(replace(one, first=int(part[0]), last=int(part[-1])))
-        raw = self.raw_temperature_degC
-        return replace(
-            self,
-            columns={name: values if name == "time_s" else values[order] for name, values in self.columns.items()},
-            text_columns={name: [values[k] for k in order] for name, values in self.text_columns.items()},
-            left_out=tuple(sorted(left_out, key=lambda one: one.first)),
-            raw_temperature_degC=None if raw is None else raw[order],
-        )
-
-    def followed_by(self, other: Record, shift_s: float) -> Record:
-        """Return the record with the rows of another below its own, in the columns that both have; shift_s is added to
-        the other's times."""
-        own, others = self.raw_columns(), dict(other.raw_columns())
-        others |= {name: values + shift_s for name, values in others.items() if f"_{name}".endswith("_time_s")}
-        columns = {name: np.concatenate([own[name], others[name]]) for name in own if name in others}
-        both = self.text_columns.keys() & other.text_columns.keys()
-        texts = {name: [*v, *other.text_columns[name]] for name, v in self.text_columns.items() if name in both}
-        moved = (replace(one, first=one.first + self.rows, last=one.last + self.rows) for one in other.left_out)
-        left_out, raw = (*self.left_out, *moved), None
-        if left_out and "temperature_degC" in columns:
-            raw = columns["temperature_degC"]
-            columns["temperature_degC"] = mask_readings(raw, left_out)
-        return replace(self, columns=columns, text_columns=texts, left_out=left_out, raw_temperature_degC=raw)
-
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
 
@@ -145,6 +118,17 @@ class Record:
         output = np.full(column.size, math.nan)
         output[good] = np.log10(column[good])
         return output if name == RISING_RESISTANCE else -output
+
+
+def without_false_readings(record: Record) -> Record:
+    """Return the record with nan in place of the thermometer's false readings, which are looked for anew."""
+    columns = record.raw_columns()
+    false = tuple(find_false_readings(columns))
+    if not false:
+        return replace(record, columns=columns, left_out=(), raw_temperature_degC=None)
+    raw = columns["temperature_degC"]
+    masked = {**columns, "temperature_degC": mask_readings(raw, false)}
+    return replace(record, columns=masked, left_out=false, raw_temperature_degC=raw)
 
 
 def content_digest(record: Record | Refused) -> str:

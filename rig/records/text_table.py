@@ -73,7 +73,8 @@ def text_table(text: str, path: Path, decimal: str = "") -> Table:
     lines = _join_quoted_names(lines)
     layout = _find_layout(_sample(lines, path))
     if layout is None:
-        return _table_without_numbers(lines, path)
+        line = next(k for k, line in enumerate(lines, 1) if line.strip() and not line.startswith("#"))
+        raise fault(path, f"line {line}", "no row of numbers below it; expected names, and rows of numbers below them")
     if layout.fields > MOST_COLUMNS:
         raise fault(path, "", f"{layout.fields} columns; expected at most {MOST_COLUMNS}")
     start = _first_row(lines, layout)
@@ -404,18 +405,3 @@ def _join_quoted_names(lines: list[str]) -> list[str]:
                     joined = " ".join(lines[k : end + 1])
                     return lines[:k] + [""] * (end - k) + [joined] + lines[end + 1 :]
     return lines
-
-
-def _table_without_numbers(lines: list[str], path: Path) -> Table:
-    """Return a table of words. Raises Faults if it has names of ours and no row."""
-    number, line = next((k, line) for k, line in enumerate(lines) if line.strip() and not line.startswith("#"))
-    separator = max("\t;,", key=line.count)
-    names = split_line(line, separator)
-    rows = [split_line(each, separator) for each in lines[number + 1 :] if each.strip() and not each.startswith("#")]
-    wrong = [(number + 2 + k, len(row)) for k, row in enumerate(rows) if len(row) != len(names)]
-    if wrong:
-        raise _wrong_widths(path, wrong, len(names))
-    if not rows and _known_names(names):
-        raise fault(path, f"line {number + 1}", "names, and no row of numbers below them; expected rows")
-    columns = [Column(name, [row[k] for row in rows]) for k, name in enumerate(names)]
-    return Table(str(path), f"line {number + 1}", columns, range(number + 2, number + 2 + len(rows)))

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
+from functools import lru_cache
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.core.clock import DAY_S
+from rig.records.numbers import BadField
 
 ORDERS = ("ymd", "dmy", "mdy")
 SUMMER_TIME = "dst"  # local time: one hour comes twice when summer time ends
@@ -39,16 +41,11 @@ _CLOCK = r"(\d{1,3}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?|([.,]\d{1,9}))?\s*([A
 _DATE = r"(\d{1,4})([-/. ])\s*(\d{1,2}|[^\W\d_]{3,9})\.?\2\s*(\d{1,4})"
 _STAMP = re.compile(rf"(?:[^\W\d_]{{2,3}},?\s+)?{_DATE}(?:[T ,]\s*{_CLOCK}(Z|[+-]\d\d(?::?\d\d)?)?)?")
 _CLOCK_ALONE = re.compile(_CLOCK)
-# spellings that `normalize_time` changes into the one of _STAMP
+_DATE_ANYWHERE = re.compile(rf"(?<![\d:]){_DATE}(?!\d)")
+_CLOCK_BESIDE_DATE = re.compile(r"(\d{1,2})[:.h-](\d\d)(?:[:.m-](\d\d))?s?((?:[.,:]\d{1,9})?) ?((?:[AaPp]\.?[Mm]\.?)?)")
 _DIGITS = re.compile(r"((?:19|20)\d\d)([01]\d)([0-3]\d)[T _-]?([0-2]\d)([0-5]\d)([0-5]\d)([.,]\d{1,9})?")
-_CLOCK_FIRST = re.compile(
-    r"(\d{1,2}:\d\d:\d\d(?:[.,]\d{1,9})?(?: ?[AaPp][Mm])?)[ ,;_-]+(\d{1,4}([-/.])\d{1,2}\3\d{1,4})"
-)
-_OTHER_SIGNS = re.compile(
-    r"(\d{1,4}([-/. ])(?:\d{1,2}|[^\W\d_]{3,9})\2\d{1,4})\s*[-_/;|T ,:]\s*"
-    r"(\d{1,2})([:.h-])(\d\d)(?:[:.m-](\d\d))?s?((?:[.,:]\d{1,9})?)((?: ?[AaPp][Mm])?)"
-)
 _ASCTIME = re.compile(r"[^\W\d_]{3} ([^\W\d_]{3}) +(\d{1,2}) (\d\d:\d\d:\d\d) (\d{4})")  # of C's asctime
+AS_OTHERS = "expected a time as in the other rows"
 Match = re.Match[str]
 
 
@@ -60,7 +57,7 @@ class Times:
     note: str
 
 
-class AmbiguousTime(ValueError):
+class _Unclear(Exception):
     """Times that can be read in several ways; layouts: the ways to choose from."""
 
     def __init__(self, text: str, layouts: Sequence[str] = ()) -> None:
@@ -92,56 +89,75 @@ def normalize_time(text: str) -> str:
     text = text.strip().strip('"').strip()
     if len(text) > LONGEST or _STAMP.fullmatch(text):
         return text
-    text = re.sub(r"(?<=\d) ?(?:UTC|GMT)$", "", text)
     if match := _DIGITS.fullmatch(text):
         return "{}-{}-{} {}:{}:{}".format(*match.groups()[:6]) + (match[7] or "")
-    if match := _CLOCK_FIRST.fullmatch(text):
-        return f"{match[2]} {match[1]}"
     if match := _ASCTIME.fullmatch(text):
         return f"{match[2]}-{match[1]}-{match[4]} {match[3]}"
-    if match := _OTHER_SIGNS.fullmatch(text):
-        seconds = f":{match[6]}" if match[6] else ""
-        return f"{match[1]} {match[3]}:{match[5]}{seconds}{match[7]}{match[8]}"
-    return text
+    if (date_found := _DATE_ANYWHERE.search(text)) is None:
+        return text
+    rest = text[: date_found.start()] + text[date_found.end() :]
+    clock = _CLOCK_BESIDE_DATE.fullmatch(re.sub(r"(?<=\d) ?(?:UTC|GMT)$", "", rest).strip(" T,;_-/|:"))
+    if clock is None:
+        return text
+    return f"{date_found[0]} {':'.join(filter(None, clock.groups()[:3]))}{clock[4]} {clock[5]}".strip()
 
 
-def read_times(fields: Sequence[str], layout: str | None = None) -> Times:
+def read_times(
+    fields: Sequence[str], layout: str | None = None, option: Callable[[str], str] = lambda layout: layout
+) -> Times:
     """Return times as seconds from the first row.
 
     Parameters
     ----------
     fields : texts, one a row; '' if there is none
     layout : of `LAYOUTS`, if the user typed one; with 'dst' a change of summer time is taken out
+    option : returns what to type for a layout, for messages
 
     Raises
     ------
-    AmbiguousTime, and ValueError with the first field that is no time.
+    BadField : for the first field that is no time, and for times that can be read in several ways
     """
     if layout is not None and layout.endswith(SUMMER_TIME):
-        return _without_summer_time(read_times(fields, layout.partition("+")[0] if "+" in layout else None))
+        return _without_summer_time(read_times(fields, layout.partition("+")[0] if "+" in layout else None, option))
     texts = [text.strip().strip('"') for text in fields]
     first = next((text for text in texts if text), "")
     if not _STAMP.fullmatch(first):
         texts = [normalize_time(text) for text in texts]
         first = next((text for text in texts if text), "")
-    if _CLOCK_ALONE.fullmatch(first):
-        return _clock_times(_matches(_CLOCK_ALONE, texts), layout)
-    if first[:4].isdigit() and len(set(map(len, texts))) == 1:  # most are ISO times, which Python reads faster
-        try:
-            stamps = [datetime.fromisoformat(text) for text in texts]
-            seconds = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
-            return Times(seconds, "ISO times as seconds from the first row")
-        except (ValueError, TypeError):  # no ISO times, or some with a zone and some without
-            pass
-    return _dated_times(_matches(_STAMP, texts), layout)
+    try:
+        if _CLOCK_ALONE.fullmatch(first):
+            return _clock_times(_matches(_CLOCK_ALONE, texts), layout)
+        if first[:4].isdigit() and len(set(map(len, texts))) == 1:  # most are ISO times, which Python reads faster
+            try:
+                stamps = [datetime.fromisoformat(text) for text in texts]
+                seconds = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
+                return Times(seconds, "ISO times as seconds from the first row")
+            except (ValueError, TypeError):  # no ISO times, or some with a zone and some without
+                pass
+        return _dated_times(_matches(_STAMP, texts), layout)
+    except _Unclear as unclear:
+        options = " or ".join(map(option, unclear.layouts))
+        raise BadField(0, fields[0], f"{unclear}?" + (f" expected {options}" if options else "")) from None
 
 
 def _matches(pattern: re.Pattern[str], texts: Sequence[str]) -> list[Match | None]:
     matches = [pattern.fullmatch(text) if text and len(text) <= LONGEST else None for text in texts]
-    for text, match in zip(texts, matches, strict=True):
+    for row, (text, match) in enumerate(zip(texts, matches, strict=True)):
         if text and match is None:
-            raise ValueError(text)
+            raise BadField(row, text, AS_OTHERS)
     return matches
+
+
+def _seconds(matches: Sequence[Match | None], seconds_of: Callable[[Match], float]) -> Array:
+    """Return the seconds of each field, nan for an empty one. Raises BadField."""
+    seconds = np.full(len(matches), math.nan)
+    for row, match in enumerate(matches):
+        if match is not None:
+            try:
+                seconds[row] = seconds_of(match)
+            except (ValueError, KeyError):
+                raise BadField(row, match.string, AS_OTHERS) from None
+    return seconds
 
 
 def clock_changes(seconds: Array, change_s: float = HOUR_S) -> Array:
@@ -167,17 +183,16 @@ def _clock_times(matches: Sequence[Match | None], layout: str | None) -> Times:
     known = [m for m in matches if m is not None]
     short = {m[3] is None for m in known}
     if len(short) > 1:
-        raise AmbiguousTime("times with seconds and times without")
+        raise _Unclear("times with seconds and times without")
     if short == {False}:
         unpadded = _has_unpadded_milliseconds(m[4] for m in known)
-        note = "a clock's times" + _note_of(unpadded)
-        return _unwrap([_clock_s(m, 1, unpadded) if m else math.nan for m in matches], note)
+        return _unwrap(_seconds(matches, lambda m: _clock_s(m, 1, unpadded)), "a clock's times" + _note_of(unpadded))
     fraction = any(m[5] is not None for m in known)
     if layout is None and not fraction:
-        raise AmbiguousTime("hours and minutes, or minutes and seconds", ("hh:mm", "mm:ss"))
+        raise _Unclear("hours and minutes, or minutes and seconds", ("hh:mm", "mm:ss"))
     if not fraction and layout != "mm:ss":
-        return _unwrap([_clock_s(m, 1) if m else math.nan for m in matches], "hours and minutes")
-    raw = [60.0 * int(m[1]) + int(m[2]) + float((m[5] or "0").replace(",", ".")) if m else math.nan for m in matches]
+        return _unwrap(_seconds(matches, lambda m: _clock_s(m, 1)), "hours and minutes")
+    raw = _seconds(matches, lambda m: 60.0 * int(m[1]) + int(m[2]) + float((m[5] or "0").replace(",", ".")))
     return _unwrap(raw, "minutes and seconds", HOUR_S)
 
 
@@ -212,15 +227,14 @@ def _clock_s(match: Match, group: int, unpadded: bool = False) -> float:
     return 3600.0 * hours + 60.0 * int(minute) + int(second or 0) + float(f"0.{fraction}")
 
 
-def _unwrap(raw_s: list[float], note: str, turn_s: float = DAY_S) -> Times:
+def _unwrap(raw: Array, note: str, turn_s: float = DAY_S) -> Times:
     """Return times of a clock that begins again after turn_s, as seconds from the first row."""
-    raw = np.array(raw_s)
     known = np.flatnonzero(np.isfinite(raw))
     turns = np.zeros(raw.size)
     turns[known[1:]] = np.cumsum(np.diff(raw[known]) < -turn_s / 2.0)
     passed = int(turns.max(initial=0.0))
     if passed and np.any(raw >= turn_s):
-        raise AmbiguousTime("elapsed times that go back")
+        raise _Unclear("elapsed times that go back")
     over = "midnight" if turn_s == DAY_S else "the full hour"
     often = {0: "", 1: f", once past {over}"}.get(passed, f", {passed} times past {over}")
     return Times(_from_first(raw + turn_s * turns), f"{note} as seconds from the first row{often}")
@@ -232,20 +246,20 @@ def _from_first(seconds: Array) -> Array:
 
 
 def _dated_times(matches: Sequence[Match | None], layout: str | None) -> Times:
-    """Return dates in the only order that their fields allow. Raises AmbiguousTime if there are several."""
+    """Return dates in the only order that their fields allow."""
     known = [m for m in matches if m is not None]
     if len({m[11] is None for m in known if m[5] is not None}) > 1:
-        raise ValueError("times with a zone and times without one")
+        raise _Unclear("times with a zone and times without one")
     unpadded = _has_unpadded_milliseconds(m[8] for m in known)
     found: dict[str, Array] = {}
-    failed: ValueError | None = None
+    failed: BadField | None = None
     for order in [layout] if layout in ORDERS else [order for order in ORDERS if _allows(known[0], order)]:
         try:
             found[order] = _in_order(matches, order, unpadded)
-        except ValueError as error:
+        except BadField as error:
             failed = error
     if not found:
-        raise failed or ValueError(known[0].string)
+        raise failed or BadField(0, known[0].string, AS_OTHERS)
     order = _plausible_order(found)
     text = "ISO times" if order == "ymd" and not unpadded else f"dates in the order {order}{_note_of(unpadded)}"
     return Times(found[order], f"{text} as seconds from the first row")
@@ -261,31 +275,18 @@ def _allows(match: Match, order: str) -> bool:
 
 
 def _in_order(matches: Sequence[Match | None], order: str, unpadded: bool) -> Array:
-    """Return seconds from the first row. Raises ValueError if a date does not exist."""
-    days: dict[tuple[str, str, str], int] = {}
-    start: int | None = None
-    seconds = np.full(len(matches), math.nan)
-    for k, m in enumerate(matches):
-        if m is None:
-            continue
-        key = (m[1], m[3], m[4])
-        if key not in days:
-            try:
-                days[key] = _day(key, order)
-            except (ValueError, KeyError):
-                raise ValueError(m.string) from None
-        start = days[key] if start is None else start
-        seconds[k] = DAY_S * (days[key] - start)
-        if m[5] is not None:
-            seconds[k] += _clock_s(m, 5, unpadded) - _zone_s(m[11])
-    return _from_first(seconds)
+    """Return seconds from the first row. Raises BadField if a date does not exist."""
+    days = _seconds(matches, lambda m: _day((m[1], m[3], m[4]), order))
+    clock_s = _seconds(matches, lambda m: _clock_s(m, 5, unpadded) - _zone_s(m[11]) if m[5] is not None else 0.0)
+    return _from_first(DAY_S * _from_first(days) + clock_s)
 
 
-def _day(key: tuple[str, str, str], order: str) -> int:
-    if not key[1].isdigit():  # the month is a word
-        key = (key[0], str(MONTHS[key[1][:3].lower()]), key[2])
-        order = "ymd" if len(key[0]) == 4 else "dmy"
-    year, month, day = (int(key[order.index(part)]) for part in "ymd")
+@lru_cache(maxsize=1024)
+def _day(fields: tuple[str, str, str], order: str) -> int:
+    if not fields[1].isdigit():  # the month is a word
+        fields = (fields[0], str(MONTHS[fields[1][:3].lower()]), fields[2])
+        order = "ymd" if len(fields[0]) == 4 else "dmy"
+    year, month, day = (int(fields[order.index(part)]) for part in "ymd")
     return date(year + 2000 if year < 100 else year, month, day).toordinal()
 
 
@@ -297,12 +298,12 @@ def _zone_s(zone: str | None) -> float:
 
 
 def _plausible_order(found: dict[str, Array]) -> str:
-    """Return the order of day and month that leaves no question. Raises AmbiguousTime."""
+    """Return the order of day and month that leaves no question."""
     rising = {order: s for order, s in found.items() if not np.any(np.diff(s) <= 0.0)} or found
     largest = {order: float(np.nanmax(np.diff(s), initial=0.0)) for order, s in rising.items()}
     best = min(largest, key=lambda order: largest[order])
     for order, seconds in rising.items():
         same = np.array_equal(seconds, rising[best], equal_nan=True)
         if not same and (largest[best] > DAY_S or largest[order] < largest[best] + DAY_S):
-            raise AmbiguousTime("day and month", tuple(sorted({best, order})))
+            raise _Unclear("day and month", tuple(sorted({best, order})))
     return best

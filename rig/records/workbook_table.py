@@ -14,10 +14,11 @@ from typing import Any
 from rig.core.faults import Faults, fault
 from rig.core.requirements import to_install
 from rig.records.table import Table
-from rig.records.text_table import is_value, text_table
+from rig.records.text_table import text_table
 
 FEWEST_ROWS = 12  # beside a longer table a shorter one is a summary: no model is fitted to fewer readings
-FORMULA = re.compile(rb"<f[ >/]")  # of a cell, in the XML of a sheet (ECMA-376, part 1, 18.3.1.40)
+# of a cell with a formula and its value, in the XML of a sheet (ECMA-376, part 1, 18.3.1.40 and 18.3.1.96)
+FORMULA = re.compile(rb'<c r="(\w+)"[^>]*><f[ >/].*?(?:</f>|/>)(<v>[^<])?')
 MERGED = re.compile(rb"<(?:\w+:)?mergeCell\s[^>]*\bref=[\"'](\w+:\w+)[\"']")  # the same, 18.3.1.54
 DATE_TEXT = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{6}")  # of a date in `_as_text`
 MIDNIGHT = " 00:00:00.000000"  # in every cell of a column of dates whose clock is a column of its own
@@ -45,8 +46,7 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
         members = {sheet.name: link.target for sheet, link in reader.parser.find_sheets()}
         for sheet in reader.wb.worksheets:
             xml = reader.archive.read(members[sheet.title])
-            missing = _missing_values(path, sheet.title) if FORMULA.search(xml) else ""
-            sheets[sheet.title] = (*_read_sheet(sheet, _merged_cells(xml), path), missing)
+            sheets[sheet.title] = (*_read_sheet(sheet, _merged_cells(xml), path), _missing_values(xml))
         reader.wb.close()
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None
@@ -83,26 +83,14 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
     return replace(table, row_word="row")
 
 
-def _missing_values(path: Path, title: str) -> str:
+def _missing_values(xml: bytes) -> str:
     """Return which formulas of a sheet have no values in the file, '' if they have; programs that do not compute leave
     them out, and a whole column would read as empty."""
-    from openpyxl import load_workbook
-
-    books = [load_workbook(path, read_only=True, data_only=values) for values in (True, False)]
-    for book in books:
-        book[title].reset_dimensions()
-    cells = [
-        (value, formula.coordinate)
-        for row, formulas in zip(books[0][title].iter_rows(values_only=True), books[1][title].iter_rows(), strict=True)
-        for value, formula in zip(row, formulas, strict=True)
-        if formula.data_type == "f"
-    ]
-    for book in books:
-        book.close()
-    if not cells or any(value is not None for value, _ in cells):
+    cells = FORMULA.findall(xml)
+    if not cells or any(value for _, value in cells):
         return ""
     more = f", and {len(cells) - 1} more" if len(cells) > 1 else ""
-    return f"{cells[0][1]}{more}: expected the values of formulas"
+    return f"{cells[0][0].decode()}{more}: expected the values of formulas"
 
 
 def _merged_cells(xml: bytes) -> list[Any]:
@@ -139,22 +127,18 @@ def _read_sheet(sheet: Any, merged: list[Any], path: Path) -> tuple[str, list[An
 
 
 def _fill_merged(rows: list[list[str]], merged: list[Any]) -> list[Any]:
-    """Copy the content of merged cells, which is in the first, into all of them; return those that hold something.
+    """Copy the content of merged cells, which is in the first, into those below it; return those that hold something.
 
-    A label belongs to all its rows and a name to all its columns, but a remark alone in its row to no other column, and
-    a number to its own column: the others say where it is, which is no number.
+    What stands over several columns belongs to the first of them.
     """
     holding = []
     for area in merged:
         first, column = area.min_row - 1, area.min_col - 1
         content = rows[first][column] if first < len(rows) and column < len(rows[first]) else ""
-        if not content:
-            continue
-        alone = sum(map(bool, rows[first])) == 1
-        others = f"merged with {area.coord.partition(':')[0]}" if is_value(content) else "" if alone else content
-        for row in rows[first : area.max_row]:
-            row[column : area.max_col] = [content, *[others] * (len(row[column : area.max_col]) - 1)]
-        holding.append(area)
+        if content:
+            holding.append(area)
+            for row in rows[first : area.max_row]:
+                row[column] = content
     return holding
 
 

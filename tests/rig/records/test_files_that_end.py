@@ -79,9 +79,3 @@ def test_a_link_stays_one_and_a_pipe_is_fed(tmp_path: Path) -> None:
     os.close(writer)
     with os.fdopen(reader) as fed:
         assert fed.read() == "time_s\n1.25\n"
-
-
-def test_a_folder_that_is_missing_is_told_with_the_name_that_was_given(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError) as missing:
-        write_text(tmp_path / "none" / "film.toml", "")
-    assert missing.value.filename == str(tmp_path / "none" / "film.toml")

@@ -7,7 +7,6 @@ import shlex
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -43,16 +42,14 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "record.csv"
 
 
-def test_forty_ways_of_writing_one_record(tmp_path: Path) -> None:
+def test_ways_of_writing_one_record(tmp_path: Path) -> None:
     """Whoever gives a file to `identify` as an instrument wrote it gets its numbers, or a line to type."""
-    pytest.importorskip("openpyxl")
     found = {}
     for write in ways.WAYS:
         way = write(ways.truth_of(7))
         found[way.name] = ways.judged(way, tmp_path)
     assert {name: how for name, how in found.items() if how not in ("plain", "flag")} == {}
-    assert len(found) == 40
-    assert list(found.values()).count("plain") >= 34
+    assert list(found.values()).count("plain") >= len(ways.WAYS) - 7
 
 
 ROWS = "0,25,1000\n1,26,900\n2,27,800\n"
@@ -152,11 +149,6 @@ def test_exchanged_columns(file: Path) -> None:
     assert said.splitlines() == [f"{file}: temperature_degC: to 100000 degC: are two columns swapped?"]
 
 
-def test_degrees_under_the_name_of_kelvins(file: Path) -> None:
-    said = refusal(file, "t_s,T_K,R_ohm\n0,25,1000\n1,60,500\n2,90,100\n")
-    assert "temperature_degC=T_K@degC" in said
-
-
 @pytest.mark.parametrize("name", ["ambient_degC", "sink_degC"])
 def test_a_room_and_a_sink_in_kelvins(file: Path, name: str) -> None:
     def written(room: float) -> Path:
@@ -168,11 +160,6 @@ def test_a_room_and_a_sink_in_kelvins(file: Path, name: str) -> None:
     mapping = ColumnMapping.parse(f"{name}={name}@K")
     assert read_record(file, [mapping])[name] == pytest.approx(22.0)
     assert read_record(written(22.0))[name] == pytest.approx(22.0)
-
-
-def test_a_plate_in_kelvins(file: Path) -> None:
-    rows = "".join(f"{k},{299 + k / 10},{0.5}\n" for k in range(60))
-    assert "@K" in refusal(file, f"time_s,temperature_degC,current_A\n{rows}")
 
 
 @pytest.mark.parametrize(
@@ -479,28 +466,6 @@ def test_a_last_line_that_was_cut_off_is_told(file: Path) -> None:
     assert "line 4 left out, it was cut off" in record.notes[0]
 
 
-def test_verbs_say_what_was_taken_for_what(peltier: Peltier, file: Path, tmp_path: Path) -> None:
-    time = np.arange(0.0, 400.0)
-    kelvin = 310.0 + 20.0 * np.sin(time / 40.0)
-    write_columns(file, {"t_s": time, "T [K]": kelvin, "I (A)": np.sign(np.sin(time / 60.0)) + 0.0 * time})
-    status, _, err = peltier("identify", file, "--out", tmp_path / "m.toml")
-    assert status == 0
-    assert err.count("\n") == 1
-    assert "time_s from 't_s', temperature_degC from 'T [K]' in K, current_A from 'I (A)'" in err
-
-
-class Frame:
-    """What a pandas DataFrame is to a reader: columns, an index, and [name]."""
-
-    def __init__(self, columns: dict[str, Any], index: Any, name: str | None) -> None:
-        self.columns = list(columns)
-        self.index = type("Index", (np.ndarray,), {"name": name})((0,)) if index is None else index
-        self._columns = columns
-
-    def __getitem__(self, name: str) -> Any:
-        return self._columns[name]
-
-
 def test_records_from_arrays_and_frames() -> None:
     kelvin, kilohm = np.array([298.0, 320.0, 363.0]), [100.0, 50.0, 0.2]
     record = record_from_arrays({"t / min": [0, 1, 2], "T [K]": kelvin, "R": kilohm}, ["resistance_ohm=R@kohm"])
@@ -511,22 +476,19 @@ def test_records_from_arrays_and_frames() -> None:
         record_from_arrays({"time_s": [0, 1, 2], "temperature_degC": [25, 26, 27], "R": kilohm})
     with pytest.raises(Faults, match="unequal length"):
         record_from_arrays({"time_s": [0, 1], "temperature_degC": [25, 26, 27]})
-    stamps = np.array(["2026-11-21T23:59:59.5", "2026-11-22T00:00:00", "2026-11-22T00:00:02"], dtype="datetime64[ns]")
-    frame = Frame({"T_C": [25.0, 26.0, 27.0], "R_ohm": kilohm}, stamps, None)
-    np.testing.assert_array_equal(record_from_frame(frame)["time_s"], [0.0, 0.5, 2.5])
-
-
-def test_records_from_pandas() -> None:
     pandas = pytest.importorskip("pandas")
-    index = pandas.date_range("2026-11-21 14:00", periods=3, freq="500ms", name="when")
-    frame = pandas.DataFrame({"T_C": [25.0, 26.0, 27.0], "R_kohm": [3, 2, 1], "note": ["a", None, "b"]}, index=index)
-    record = record_from_frame(frame)
-    np.testing.assert_array_equal(record["time_s"], [0.0, 0.5, 1.0])
-    np.testing.assert_array_equal(record["resistance_ohm"], [3000.0, 2000.0, 1000.0])
-    assert record.text_columns["note"] == ["a", "", "b"]
+    for name in ("when", None):  # an index of dates is a column without a name, too
+        index = pandas.date_range("2026-11-21 23:59:59.5", periods=3, freq="500ms", name=name)
+        frame = pandas.DataFrame(
+            {"T_C": [25.0, 26.0, 27.0], "R_kohm": [3, 2, 1], "note": ["a", None, "b"]}, index=index
+        )
+        record = record_from_frame(frame)
+        np.testing.assert_array_equal(record["time_s"], [0.0, 0.5, 1.0])
+        np.testing.assert_array_equal(record["resistance_ohm"], [3000.0, 2000.0, 1000.0])
+        assert record.text_columns["note"] == ["a", "", "b"]
 
 
-# every file of the measured records, with --column for names at most: our columns, rows, first and last degC
+# files of measured records, with --column for names at most: our columns
 MEASURED = {
     "vo2_film_major_loop.tsv": ((), {"time_s", "temperature_degC", "resistance_ohm"}),
     "vo2_film_small_gap_raw.tsv": ((), {"time_s", "temperature_degC", "resistance_ohm"}),
@@ -547,10 +509,6 @@ MEASURED = {
     **{f"tec_{run}.csv": (("current_A=out@pwm255",), {"current_A"}) for run in ("run12", "run2_1s")},
     **{f"tune{n}.csv": (("temperature_degC=oven_c@degC",), {"temperature_degC"}) for n in (22, 23, 24, 25)},
 }
-
-
-def test_every_measured_record_is_named_here(measured: Path) -> None:
-    assert {path.name for path in measured.iterdir() if path.suffix in (".csv", ".tsv", ".txt")} <= set(MEASURED)
 
 
 @pytest.mark.parametrize("name", MEASURED)

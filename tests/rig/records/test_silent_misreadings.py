@@ -82,10 +82,6 @@ def test_a_last_number_of_which_half_was_written(file: Path, count: int, more: s
     assert read(file, text[:-5] + "\n").rows == count  # its end says that it is whole
 
 
-def test_names_without_rows_are_told_as_that(file: Path) -> None:
-    assert "no row of numbers below them" in refusal(file, "t (s),T (K),R (Ohm)\n")
-
-
 def test_a_second_sweep_in_one_file_is_told_as_that(file: Path) -> None:
     sweep = "".join(f"{k},{300 + k},{1e4 - k}\n" for k in range(30))
     other = sweep.replace(",30", ",31")

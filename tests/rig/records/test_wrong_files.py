@@ -11,15 +11,12 @@ import pytest
 Peltier = Callable[..., tuple[int, str, str]]
 PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\5\0\0\0\3\x84\x08\3\0\0\0"
 PROSE = "Dear all,\nthe film was measured, yesterday, at noon.\nBest, X\n"
-PROGRAM = '#!/usr/bin/env python3\n"""Runs: slowly."""\nimport sys\n\nfor k in (1, 2):\n    print(k, sys.argv)\n'
 
 
 @pytest.mark.parametrize(
     ("content", "kind"),
     [
         (PNG, "a picture (PNG)"),
-        (PROSE, "words without a row of numbers"),
-        (PROGRAM, "a Python program"),
         ("# A rig.\n\n[bench]\ntime = 'virtual'\n", "a configuration (TOML)"),
         ("[film]\nradii = [\n    0.1,\n    0.2,\n]\n", "a model file (TOML)"),
         ('{"time_s": [0, 1], "temperature_degC": [20, 21]}', "a JSON file"),
@@ -40,8 +37,8 @@ def test_what_is_no_table_is_told_as_what_it_is(
 def test_a_table_with_a_fault_is_still_a_table(peltier: Peltier, tmp_path: Path) -> None:
     file = tmp_path / "record.csv"
     for text, said in (
-        ("t_s,T_K,R_ohm\n", "line 1: names, and no row of numbers below them"),
-        ("time_s,temperature_degC\nzero,warm\none,warmer\n", "'zero': expected a number"),
+        ("t_s,T_K,R_ohm\n", "line 1: no row of numbers below it"),
+        (PROSE, "line 1: no row of numbers below it"),
         ("plate voltage,plate power\n0,1\n1,2\n", "column 'temperature_degC' missing"),
     ):
         file.write_text(text)

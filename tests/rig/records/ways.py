@@ -1,4 +1,4 @@
-"""Forty ways in which labs and their instruments write one record, each as it was met, none made for the reader.
+"""Ways in which labs and their instruments write one record, each as it was met, none made for the reader.
 
 The truth's units are converted here by factors of its own. Read right: every column that was written is there, and its
 values are the truth's to the file's digits. A flag is a line that the refusal printed, typed as it stands; where it
@@ -8,7 +8,6 @@ a value is another one, or a column that was written is missing and no line says
 
 from __future__ import annotations
 
-import io
 import math
 import re
 import shlex
@@ -333,22 +332,6 @@ def quantum_design(truth: Truth) -> Way:
     return Way("Quantum Design PPMS", "film12.dat", encoded([*head, *rows], end="\r\n"), expected)
 
 
-def bench_meter(truth: Truth) -> Way:
-    fields, expected = columns_of(truth, (("time_s", "as ours", ".3f"), CELSIUS, OHM))
-    fields[2][0] = "+9.900000E+37"
-    resistance, slack = expected["resistance_ohm"]
-    resistance = resistance.copy()
-    resistance[0] = float("inf")
-    expected["resistance_ohm"] = resistance, slack
-    head = [
-        '"Project Name","film 12"', '"Application","Data Logger"', '"Instrument","DMM6500 SN04412345"',
-        '"Start Time","11/21/2026 14:03:02"', '"Channel","101","102"', "",
-        '"Relative Time (s)","Temperature (°C)","4W Resistance (Ω)"',
-    ]  # fmt: skip
-    lines = [*head, *lines_of(fields, ",")]
-    return Way("a meter's preamble and 9.9E37 for overflow", "run 12.csv", encoded(lines, end="\r\n"), expected)
-
-
 def midi_logger(truth: Truth) -> Way:
     fields, expected = columns_of(truth, (("temperature_degC", "as ours", ".1f"), ("resistance_ohm", "kohm", ".3f")))
     expected["time_s"] = times(truth)
@@ -381,15 +364,6 @@ def hand_meter(truth: Truth) -> Way:
     return Way("a handheld meter: a unit in every field, OL", "log.txt", encoded(lines), expected, units)
 
 
-def pid_log(truth: Truth) -> Way:
-    share = Truth(truth.time_s, truth.temperature_degC, truth.resistance_ohm, truth.current_A / 4.0, truth.sink_degC)
-    fields, expected = columns_of(share, (TIME, CELSIUS, ("current_A", "percent", ".2f")))
-    setpoint = [f"{25.0 + 10.0 * (k // 60):.1f}" for k in range(len(fields[0]))]
-    lines = ["Time (s),PV (degC),SP (degC),Output (%)", *lines_of([*fields[:2], setpoint, fields[2]], ",")]
-    units = {"current_A": "percent"}
-    return Way("a PID controller's log, output in percent", "pid.csv", encoded(lines), expected, units, drive=True)
-
-
 def restarted(truth: Truth) -> Way:
     fields, expected = columns_of(truth, (TIME, CELSIUS, OHM))
     head, rows = "Time (s),Temperature (°C),Resistance (Ω),,", [line + ",," for line in lines_of(fields, ",")]
@@ -397,56 +371,7 @@ def restarted(truth: Truth) -> Way:
     return Way("header again after a restart, blank columns", "append.csv", encoded(lines), expected)
 
 
-def workbook(truth: Truth) -> Way:
-    from openpyxl import Workbook
-
-    fields, expected = columns_of(truth, (TIME, KELVIN, ("resistance_ohm", "kohm", ".5f")))
-    book = Workbook()
-    sheet = book.active
-    assert sheet is not None
-    for row in (["VO2 film 12, second run"], [], ["Time", "Temperature", "Resistance"], ["s", "K", "kΩ"]):
-        sheet.append(row)
-    for row in zip(*fields, strict=True):
-        sheet.append([float(text) for text in row])
-    return Way("Excel workbook: a title, units below the names", "film12.xlsx", _saved(book), expected)
-
-
-def workbook_dates(truth: Truth) -> Way:
-    from openpyxl import Workbook
-
-    fields, expected = columns_of(truth, (CELSIUS, ("resistance_ohm", "as ours", ".3f")))
-    expected["time_s"] = times(truth, 2e-3)  # a workbook keeps days, to the millisecond
-    book = Workbook()
-    notes, sheet = book.active, book.create_sheet("Data")
-    assert notes is not None
-    notes.append(["see the next sheet"])
-    sheet.append(["Date", "Temperature (°C)", "Resistance (Ω)"])
-    for stamp, *row in zip(stamps(truth), *fields, strict=True):
-        sheet.append([stamp, *(float(text) for text in row)])
-    return Way("Excel workbook: dates, second sheet", "log.xlsx", _saved(book), expected)
-
-
-def _saved(book: object) -> bytes:
-    file = io.BytesIO()
-    book.save(file)  # type: ignore[attr-defined]
-    return file.getvalue()
-
-
-def matlab(truth: Truth) -> Way:
-    from scipy.io import savemat
-
-    columns = [("time_s", "as ours", ".15g"), ("temperature_degC", "K", ".15g"), ("resistance_ohm", "as ours", ".15g")]
-    fields, expected = columns_of(truth, columns)
-    t, kelvin, ohm = (np.array([float(text) for text in texts])[:, None] for texts in fields)
-    file = io.BytesIO()
-    savemat(file, {"data": {"time_s": t, "T_K": kelvin, "R_ohm": ohm, "sample": "film 12"}, "fs": 2.0})
-    return Way("MATLAB .mat, a struct", "film12.mat", file.getvalue(), expected)
-
-
-WAYS: tuple[Callable[[Truth], Way], ...] = (
-    *TABLES, r_frame, quantum_design, bench_meter, midi_logger, hand_meter, pid_log, restarted, workbook,
-    workbook_dates, matlab,
-)  # fmt: skip
+WAYS: tuple[Callable[[Truth], Way], ...] = (*TABLES, r_frame, quantum_design, midi_logger, hand_meter, restarted)
 
 
 FLAG = re.compile(r"--column (?:'[^']*'|\S+)")

@@ -14,8 +14,8 @@ from rig.batch.journal import Journal
 from rig.config.configuration import digest_named_files
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
+from tests.rig.batch.test_many_records import plate_record
 from tests.rig.small import write_bench
-from tests.rig.test_many_records import plate_record
 
 Peltier = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("undrawn", "computed_here")
