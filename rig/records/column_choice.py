@@ -36,17 +36,12 @@ LEAST_PLATE_A = 0.02  # a plate's current reaches more, an ohmmeter's test curre
 MOST_NAMES = 30  # in a message
 MOST_OFFERED = 4  # columns in a message
 OFFERED_UNITS: dict[str, Sequence[str]] = {
-    "s": ("s", "ms", "min", "h", "d"),
+    "s": ("s", "min", "ms", "h", "d"),
     "degC": ("degC", "K", "degF"),
     "ohm": ("ohm", "kohm", "Mohm", "S"),
     "A": ("A", "mA"),
 }
-OTHER_NAME = {
-    "time_s": "time_min",
-    "target_ohm": "target_kohm",
-    "setpoint_degC": "setpoint_K",
-    "current_A": "current_mA",
-}
+UNKNOWN_WORD = "a word of its name is not known"  # so it may be of another quantity
 NO_TIMES = (
     "; no column of times: expected --column time_s=row if the rows are in the order in which they were taken, or "
     "--period SECONDS if they are also evenly spaced; with --reversed if the last was taken first, as in a cooling "
@@ -262,17 +257,15 @@ class ColumnChoice:
             if ours in self.chosen or ours in needs or not self.options:
                 continue
             for k in self.free():
-                meaning = self.meanings[k]
-                if meaning.ours != ours or not self._filled(k) or k in offered:
+                if self.meanings[k].ours != ours or not self._filled(k) or k in offered:
                     continue
                 options = " or ".join(self._option(ours, k, unit) for unit in self._offered_units(ours, k))
-                known = meaning.certain or meaning.unit is None or meaning.doubt or meaning.unit == "percent"
-                if ours == "resistance_ohm" and known:
+                why = self._reason(k)
+                if ours == "resistance_ohm" and why != UNKNOWN_WORD:
                     keep = self._option(self.names[k] or f"column{k + 1}", k)
-                    text = f"expected {options} or, to leave it as it is, {keep}"
-                    self._add_fault(f"{self.shown[k]!r}: {self._reason(k)}; {text}")
+                    self._add_fault(f"{self.shown[k]!r}: {why}; expected {options} or, to leave it as it is, {keep}")
                 else:
-                    self.notes.append(f"{self.shown[k]!r} left out: {self._reason(k)}; if it is {ours}, {options}")
+                    self.notes.append(f"{self.shown[k]!r} left out: {why}; if it is {ours}, {options}")
 
     def _reason(self, k: int) -> str:
         """Return why a column was not chosen."""
@@ -284,7 +277,7 @@ class ColumnChoice:
         if meaning.certain:
             several = sum(each.ours == meaning.ours and each.certain for each in self.meanings) > 1
             return "more than one column may be it" if several else "too small for a plate's current"
-        return "its unit is not given" if meaning.unit is None else "a word of its name is not known"
+        return "its unit is not given" if meaning.unit is None else UNKNOWN_WORD
 
     def _is_share(self, k: int) -> bool:
         """Return True if a column may be a share of full drive: percents, or a drive without a unit."""
@@ -315,7 +308,7 @@ class ColumnChoice:
             unknown = [k for k in free if self.meanings[k].ours is None and not self._has_other_unit(k, ours)]
             likely = [k for k in unknown if is_time(self.firsts[k]) or (self._rises(k) and not self._counts_rows(k))]
         if not self.options:
-            name = OTHER_NAME.get(ours, ours)
+            name = f"{ours.rpartition('_')[0]}_{OFFERED_UNITS[unit_ending(ours)][1]}"
             return f"; expected the name {ours}, or it with another unit, as {name}" if likely else ""
         why = next((self.meanings[k].doubt for k in likely if self.meanings[k].doubt), "")
         strange = [k for k in named if k not in likely]

@@ -130,12 +130,14 @@ def split_unit(name: str) -> tuple[str, str, bool]:
     if (match := re.fullmatch(r"(.*?)\s*(?:/|,|;|\bin\b)\s*(\S{1,12})", name)) and parse_unit(match[2]) is not None:
         return match[1], match[2], False
     if match := re.fullmatch(r"(.*?)([_\s]+)([^\s_]+)", name):
-        unit = parse_unit(match[3])
-        quantities, roles, _ = _classify(match[1])
         # A single letter after a blank is a channel's ('Input A'); after an underscore it may be a unit ('T_K').
-        letter = unit is not None and "_" in match[2] and all(_ENDING[name] == unit[0] for name in quantities)
-        if unit is not None and (len(match[3]) > 1 or letter):
-            return match[1], match[3], len(match[3]) == 1 and not quantities and not roles
+        letter = len(match[3]) == 1 and "_" in match[2]
+        written = match[3].upper() if letter and match[3] in "ckf" else match[3]
+        unit = parse_unit(written)
+        quantities, roles, _ = _classify(match[1])
+        fits = letter and unit is not None and all(_ENDING[name] == unit[0] for name in quantities)
+        if unit is not None and (len(match[3]) > 1 or fits):
+            return match[1], written, letter and (written != match[3] or not (quantities or roles))
     if parse_unit(name) is not None and (len(name) > 1 or name in ("s", "K")):
         return "", name, False
     return name, "", False

@@ -1,7 +1,9 @@
-"""Which records told the film of a model: written with it, and read again where a run of that model is diagnosed."""
+"""The records that a film was fitted to: they are read again where a run of its model is diagnosed, and beyond their
+temperatures a model is a guess."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +13,11 @@ from compensator.hysteresis.film import IDENTITY, FilmModel, Memoryless
 from rig.analysis.film_records import earlier_film_records
 from rig.config.model_file import Model, read_model, write_model
 from rig.records.record_file import write_columns
-from rig.records.run_folder import final_path
+from tests.rig.small import MODEL
 
+Peltier = Callable[..., tuple[int, str, str]]
+SEEN = "film_seen_degC = [45.0, 80.0]\n"
+LINE = "film_seen_degC: 2 temperatures lie beyond 45.0 to 80.0 degC, where the film was measured, up to 9"
 FILM = FilmModel(np.array([1.0]), np.array([0.1]), IDENTITY, IDENTITY, Memoryless("none"), "classical_pi")
 
 
@@ -49,11 +54,50 @@ def test_a_model_that_cannot_be_read_is_told(run: Path) -> None:
     assert "model.toml" in said[0]
 
 
-def test_a_model_file_keeps_them(run: Path) -> None:
-    model = read_model(run.parent / "model.toml")
-    assert [Path(name).parent.name for name in model.film_records] == ["cal", "gone", "run"]
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "model.toml"
+    path.write_text(SEEN + MODEL)
+    return path
 
 
-def test_a_calibration_inside_a_run_is_named_as_it_will_be_called(tmp_path: Path) -> None:
-    inside = tmp_path / "run.part" / "calibration" / "record.csv"
-    assert final_path(inside) == tmp_path / "run" / "calibration" / "record.csv"
+def ohm_at(model: Path, *temperatures_degC: float) -> list[float]:
+    """On the way up from the cold."""
+    film = read_model(model).film
+    assert film is not None
+    outputs, _ = film.simulate(np.array([30.0, *temperatures_degC]), film.initial_memory(30.0, "heated"))
+    return [10.0 ** -float(u) for u in outputs[1:]]
+
+
+def test_an_inversion_beyond_what_was_seen_is_told(model: Path, tmp_path: Path, peltier: Peltier) -> None:
+    target = tmp_path / "target.csv"
+    resistances = ohm_at(model, 60.0, 85.0, 95.0, 96.0)
+    target.write_text("time_s,target_ohm\n" + "".join(f"{k},{ohm!r}\n" for k, ohm in enumerate(resistances)))
+    words = ("invert", model, target, "--out", tmp_path / "out.csv", "--initial", "heated")
+    status, _, err = peltier(*words)
+    assert status == 0
+    assert LINE.replace("2 temp", "3 temp") in err
+    assert peltier(*words, "--limits", "20,80.5")[2] == ""
+    model.write_text(MODEL)
+    assert peltier(*words)[2] == ""
+
+
+def test_a_prediction_beyond_what_was_seen_is_told(model: Path, tmp_path: Path, peltier: Peltier) -> None:
+    record = tmp_path / "record.csv"
+    record.write_text("time_s,temperature_degC,resistance_ohm\n0,50,90000\n1,80.9,500\n2,93,400\n3,,400\n4,40,1e5\n")
+    status, _, err = peltier("predict", model, record)
+    assert status == 0
+    assert LINE in err
+
+
+def test_identify_writes_what_it_has_seen(tmp_path: Path, peltier: Peltier) -> None:
+    up = np.concatenate((np.linspace(40.0, 84.0, 120), np.linspace(84.0, 41.0, 120)))
+    (tmp_path / "true.toml").write_text(MODEL)
+    film = read_model(tmp_path / "true.toml").film
+    assert film is not None
+    ohm = 10.0 ** -film.simulate(up, film.initial_memory(40.0, "heated"))[0]
+    rows = "".join(f"{k},{degC!r},{r!r}\n" for k, (degC, r) in enumerate(zip(up.tolist(), ohm.tolist(), strict=True)))
+    (tmp_path / "record.csv").write_text("time_s,temperature_degC,resistance_ohm\n" + rows)
+    status, _, err = peltier("identify", tmp_path / "record.csv", "--out", tmp_path / "model.toml")
+    assert status == 0, err
+    assert read_model(tmp_path / "model.toml").film_seen_degC == (40.0, 84.0)

@@ -168,14 +168,6 @@ def test_plate_is_simulated_from_the_current(peltier: Peltier, tmp_path: Path) -
     assert "rmse_dec" not in result
 
 
-def test_order_violation_warns(peltier: Peltier, tmp_path: Path) -> None:
-    (tmp_path / "model.toml").write_text(MODEL.replace("b = -12.6", "b = -11.0"))
-    (tmp_path / "record.csv").write_text("time_s,temperature_degC,resistance_ohm\n0,20,1000\n1,60,900\n")
-    status, _, err = peltier("predict", tmp_path / "model.toml", tmp_path / "record.csv")
-    assert status == 0
-    assert "violate" in err
-
-
 MIXING = "[film.mixing]\nexponent = -0.7\nlow_dec = -5.5\nhigh_dec = -2.5\n"
 
 
@@ -226,21 +218,14 @@ def test_the_benchs_page_draws_the_loop_of_a_film_that_mixes_otherwise(tmp_path:
         assert drawn[branch] == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "told"),
-    [
-        ("exponent = 0.5\nlow_dec = -3.0\nhigh_dec = -5.5", "low_dec: -3.0: expected less than high_dec, -5.5"),
-        ("exponent = 0.0\npercolation = -1.0\nlow_dec = -5.5\nhigh_dec = -3.0", "film.mixing.percolation: "),
-        ("exponent = 0.5\nlow_dec = -5.5", "film.mixing.high_dec: missing"),
-    ],
-)
-def test_a_mixing_that_cannot_be_is_told(peltier: Peltier, tmp_path: Path, wrong: str, told: str) -> None:
-    (tmp_path / "model.toml").write_text(MODEL.replace("[plate]", f"[film.mixing]\n{wrong}\n[plate]"))
+def test_a_mixing_that_cannot_be_is_told(peltier: Peltier, tmp_path: Path) -> None:
+    wrong = "[film.mixing]\nexponent = 0.5\nlow_dec = -3.0\nhigh_dec = -5.5\n"
+    (tmp_path / "model.toml").write_text(MODEL.replace("[plate]", wrong + "[plate]"))
     (tmp_path / "target.csv").write_text("time_s,target_ohm\n0,20000\n")
     status, _, err = peltier("invert", tmp_path / "model.toml", tmp_path / "target.csv")
     assert status != 0
-    assert told in err
-    assert len(err.strip().splitlines()) == 1
+    (line,) = err.splitlines()
+    assert "low_dec: -3.0: expected less than high_dec, -5.5" in line
 
 
 def test_a_prediction_that_nothing_is_compared_with(peltier: Peltier, tmp_path: Path) -> None:
@@ -279,9 +264,7 @@ def test_an_option_that_cannot_act_is_refused(
     ("lacking", "options", "said"),
     [
         ((), (), "fitted to the first 31 rows: "),
-        ((), ("--first", "99"), "fitted to the first 100 rows: "),
         ((), ("--first", "1e9"), "fitted to the first 150 rows (half of the rows at most: the rest is to"),
-        ([(100, 200)], (), "fitted to the first 31 rows and 31 after a gap: "),
         ([(80, 120), (180, 220)], (), "fitted to the first 31 rows and 61 after 2 gaps: "),
     ],
 )

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from rig.batch.journal import Journal
-from rig.config.configuration import digest_named_files
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
 from tests.rig.batch.test_many_records import plate_record
@@ -41,19 +40,6 @@ def test_a_sweep_whose_target_is_another_is_no_sweep_of_this_folder(tmp_path: Pa
     status, _, err = peltier(*words[:3], tmp_path / "new", *words[4:])
     assert status == 0, err
     assert int(_table(tmp_path / "new" / "sweep.csv")[0]["rows"]) > int(rows)
-
-
-def test_files_are_found_where_they_are_named(tmp_path: Path) -> None:
-    (tmp_path / "models").mkdir()
-    (tmp_path / "models" / "film.toml").write_text('own = "shape.py:Shape"\nagain = "film.toml"\n')
-    (tmp_path / "models" / "shape.py").write_text("a = 1\n")
-    (tmp_path / "a.csv").write_text("1\n")
-    tables = {"experiment": {"model": "models/film.toml", "target": ["start 1 A", "a.csv"]}, "n": 3}
-    before = digest_named_files(tables, tmp_path)
-    assert [name.split()[-1] for name in before] == ["models/film.toml", "shape.py", "a.csv"]
-    (tmp_path / "models" / "shape.py").write_text("a = 2\n")
-    after = digest_named_files(tables, tmp_path)
-    assert [name for name in before if before[name] != after[name]] == [" models/film.toml shape.py"]
 
 
 def test_a_sweep_of_records_goes_on_without_one_that_is_refused(tmp_path: Path, peltier: Peltier) -> None:

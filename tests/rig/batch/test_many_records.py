@@ -129,12 +129,6 @@ def test_a_fault_is_told_once_where_no_record_is_left(tmp_path: Path, peltier: P
     assert err.count("temperature_degC: constant at 25") == 1
 
 
-def test_identify_each_has_no_single_model(records: list[Path], tmp_path: Path, peltier: Peltier) -> None:
-    status, _, err = peltier("identify", *records, "--each", "--out", tmp_path / "model.toml")
-    assert status == 2
-    assert "--report DIR" in err
-
-
 def test_what_is_said_of_all_records_alike_is_said_once(records: list[Path], peltier: Peltier) -> None:
     for record in records:
         record.write_text(record.read_text().replace("temperature_degC", "T_C", 1))

@@ -9,27 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.core.faults import Faults
 from rig.records.record import Record
 from rig.records.record_file import RowOrder, read_record
+from tests.rig.records.reading import read, refusal
 
 Peltier = Callable[..., tuple[int, str, str]]
 END = "***End_of_Header***"
 COUNT = 30
 DEGC, OHM = 25.0 + np.arange(COUNT), 1e5 / (1.0 + np.arange(COUNT))
-
-
-def read(path: Path, text: str) -> Record:
-    path.write_text(text)
-    return read_record(path, needs=("temperature_degC", "resistance_ohm"))
-
-
-def refusal(path: Path, text: str | bytes) -> str:
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(Faults) as found:
-        read_record(path, needs=("temperature_degC",))
-    (line,) = found.value.lines
-    return line
 
 
 def assert_read(record: Record, step_s: float = 2.0) -> None:

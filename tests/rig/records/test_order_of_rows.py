@@ -19,9 +19,9 @@ from rig.command.record_arguments import add_record_arguments, read_each
 from rig.core.faults import Faults
 from rig.notebook.files import as_records
 from rig.records.branches import join_branches
-from rig.records.column_names import ColumnMapping
 from rig.records.record import Record, Refused
-from rig.records.record_file import RowOrder, read_record
+from rig.records.record_file import RowOrder
+from tests.rig.records.reading import read, refusal
 
 Peltier = Callable[..., tuple[int, str, str]]
 HALF = 150  # rows of a branch
@@ -45,19 +45,6 @@ def rows_of(*columns: np.ndarray, separator: str = ",") -> str:
 def loop() -> tuple[np.ndarray, np.ndarray]:
     parts = branch(True), branch(False)
     return np.concatenate([parts[0][0], parts[1][0]]), np.concatenate([parts[0][1], parts[1][1]])
-
-
-def read(path: Path, text: str, *columns: str, rows: RowOrder | None = None) -> Record:
-    path.write_text(text)
-    return read_record(path, [ColumnMapping.parse(one) for one in columns], ("temperature_degC",), order=rows)
-
-
-def refusal(path: Path, text: str, *columns: str) -> str:
-    """What is said of a text that is refused, in one line."""
-    with pytest.raises(Faults) as found:
-        read(path, text, *columns)
-    (line,) = found.value.lines
-    return line
 
 
 def typed_on(path: Path, text: str) -> Record:
@@ -121,7 +108,7 @@ def test_a_cooling_branch_that_is_sorted_upwards(tmp_path: Path) -> None:
     """It was reported as heating."""
     degC, ohm = branch(False)
     text = "T (C),R (Ohm)\n" + rows_of(degC[::-1], ohm[::-1])
-    record = read(tmp_path / "branch.csv", text, "time_s=row", rows=RowOrder(reversed=True))
+    record = read(tmp_path / "branch.csv", text, "time_s=row", order=RowOrder(reversed=True))
     assert transition(record) == (None, pytest.approx(COOLING_DEGC, abs=0.3))
     named = read(tmp_path / "film_cooling.csv", text, "time_s=row")
     (turned,) = join_branches([named], RowOrder())
@@ -145,7 +132,7 @@ def test_branches_in_two_files(tmp_path: Path, names: tuple[str, str], asked: bo
         degC, ohm = branch(heating)
         order = slice(None) if heating else slice(None, None, -1)  # both sorted upwards
         found.append(
-            read(tmp_path / name, "T (C),R (Ohm)\n" + rows_of(degC[order], ohm[order]), "time_s=row", rows=rows)
+            read(tmp_path / name, "T (C),R (Ohm)\n" + rows_of(degC[order], ohm[order]), "time_s=row", order=rows)
         )
     (joined,) = join_branches(found, rows)
     assert_the_loop(joined)
@@ -181,7 +168,7 @@ def test_branches_side_by_side_in_two_units(tmp_path: Path, head: str, asked: bo
     """Both were taken in the first one's unit: degrees as kelvins, ohms as kilohms."""
     (warm_degC, warm_ohm), cold = branch(True), branch(False)
     text = f"{head}\n" + rows_of(warm_degC + 273.15, warm_ohm / 1e3, *cold)
-    assert_the_loop(read(tmp_path / "film.csv", text, rows=RowOrder(branches=asked)))
+    assert_the_loop(read(tmp_path / "film.csv", text, order=RowOrder(branches=asked)))
     half = read(tmp_path / "film.csv", text, "time_s=row", "temperature_degC=#1@K", "resistance_ohm=#2@kohm")
     assert transition(half) == (pytest.approx(HEATING_DEGC, abs=0.3), None)  # a number is one of the file's columns
 
@@ -204,13 +191,13 @@ def test_rows_that_are_turned_keep_the_numbers_that_stand_for_times(tmp_path: Pa
     """--reversed turned the numbers that the program itself had given: "falls in every row; expected --reversed"."""
     head = "T_heating (C),R_heating (ohm),T_cooling (C),R_cooling (ohm)"
     text = f"{head}\n" + rows_of(*branch(True), *branch(False))
-    assert_the_loop(read(tmp_path / "film.csv", text, rows=RowOrder(reversed=True)))
+    assert_the_loop(read(tmp_path / "film.csv", text, order=RowOrder(reversed=True)))
 
 
 def test_names_that_stand_twice_are_asked_for(tmp_path: Path) -> None:
     text = "T (C),R (ohm),T (C),R (ohm)\n" + rows_of(*branch(True), *branch(False))
     assert "heating and cooling side by side? expected --branches" in refusal(tmp_path / "film.csv", text)
-    assert_the_loop(read(tmp_path / "film.csv", text, rows=RowOrder(branches=True)))
+    assert_the_loop(read(tmp_path / "film.csv", text, order=RowOrder(branches=True)))
 
 
 @pytest.mark.parametrize("line", ["cooling,cooling,heating,heating", "Cooling,,Heating,", "cooled run,,heated run,"])
@@ -218,7 +205,7 @@ def test_names_that_stand_twice_are_asked_for(tmp_path: Path) -> None:
 def test_a_line_above_the_rows_says_which_branch_is_which(tmp_path: Path, line: str, rows: RowOrder | None) -> None:
     """Origin's line of comments was ignored, and the branch that stands first was heating whatever it said."""
     text = f"T,R,T,R\ndegC,Ohm,degC,Ohm\n{line}\n" + rows_of(*branch(False), *branch(True))
-    record = read(tmp_path / "film.csv", text, rows=rows)
+    record = read(tmp_path / "film.csv", text, order=rows)
     assert_the_loop(record)
     np.testing.assert_allclose(record["temperature_degC"][:HALF], branch(True)[0], rtol=1e-5)
 
@@ -229,7 +216,7 @@ def test_branches_below_each_other(tmp_path: Path) -> None:
     text = "T (C),R (ohm)\n" + "".join(rows_of(*part) for part in parts)
     said = refusal(tmp_path / "film.csv", text, "time_s=row")
     assert "in one row: two branches, sorted the same way? expected --branches" in said
-    assert_the_loop(read(tmp_path / "film.csv", text, "time_s=row", rows=RowOrder(branches=True)))
+    assert_the_loop(read(tmp_path / "film.csv", text, "time_s=row", order=RowOrder(branches=True)))
     named = "T (C),R (ohm),sweep\n"
     for part, word in zip(parts, ("heating", "cooling"), strict=True):
         named += rows_of(*part).replace("\n", f",{word}\n")
@@ -284,7 +271,7 @@ def test_branches_below_each_other_where_a_temperature_is_missing(tmp_path: Path
     assert "two branches, sorted the same way? expected --branches" in refusal(
         tmp_path / "film.csv", text, "time_s=row"
     )
-    record = read(tmp_path / "film.csv", text, "time_s=row", rows=RowOrder(branches=True))
+    record = read(tmp_path / "film.csv", text, "time_s=row", order=RowOrder(branches=True))
     if missing == "850":  # one reading that is far off, as noise makes them, is not left out
         assert np.flatnonzero(record["temperature_degC"] == 850.0).tolist() == [40, 2 * HALF - 31]
     else:
@@ -316,10 +303,10 @@ def test_the_word_for_branches_and_files_that_need_it_not(tmp_path: Path) -> Non
     rows, seconds = RowOrder(branches=True), np.arange(float(HALF))
     head = "t_heating (s),T_heating (C),R_heating (ohm),t_cooling (s),T_cooling (C),R_cooling (ohm)"
     text = f"{head}\n" + rows_of(seconds, *branch(True), seconds, *branch(False))
-    found = [read(tmp_path / name, text, rows=rows) for name in ("a.csv", "b.csv")]
+    found = [read(tmp_path / name, text, order=rows) for name in ("a.csv", "b.csv")]
     assert join_branches(found, rows) == found
     assert join_branches(found[:1], rows) == found[:1]
-    held_out = read(tmp_path / "c.csv", "time_s,T (C),R (ohm)\n" + rows_of(seconds, *branch(True)), rows=rows)
+    held_out = read(tmp_path / "c.csv", "time_s,T (C),R (ohm)\n" + rows_of(seconds, *branch(True)), order=rows)
     assert join_branches([held_out], rows) == [held_out]
 
 
@@ -357,7 +344,7 @@ def test_two_files_of_the_same_sense_are_no_loop(tmp_path: Path) -> None:
     """Two heatings of two films were joined to one loop."""
     rows = RowOrder(branches=True)
     text = "T (C),R (Ohm)\n" + rows_of(*branch(True))
-    found = [read(tmp_path / name, text, "time_s=row", rows=rows) for name in ("a_heating.csv", "b_heating.csv")]
+    found = [read(tmp_path / name, text, "time_s=row", order=rows) for name in ("a_heating.csv", "b_heating.csv")]
     with pytest.raises(Faults, match="expected one of heating and one of cooling"):
         join_branches(found, rows)
 
@@ -480,13 +467,13 @@ def test_times_beside_a_period_that_is_typed(tmp_path: Path) -> None:
     rows = RowOrder(period_s=0.5)
     text = "".join(f"{k // 2},{25 + k % 30},{1000 - k}\n" for k in range(200))
     assert "expected a time of its own for each row, or --period" in refusal(tmp_path / "a.csv", f"{HEAD}\n{text}")
-    record = read(tmp_path / "a.csv", f"{HEAD}\n{text}", rows=rows)
+    record = read(tmp_path / "a.csv", f"{HEAD}\n{text}", order=rows)
     np.testing.assert_allclose(np.diff(record["time_s"]), 0.5)
     assert "'time_s' left out: the times are those of --period" in " ".join(record.notes)
-    record = read(tmp_path / "b.csv", "Time (s),T (C)\n" + "".join(f"{k},{25 + k}\n" for k in range(20)), rows=rows)
+    record = read(tmp_path / "b.csv", "Time (s),T (C)\n" + "".join(f"{k},{25 + k}\n" for k in range(20)), order=rows)
     assert "'Time (s)' left out: the times are those of --period" in " ".join(record.notes)
     with pytest.raises(Faults, match="a period or time_s=row was typed, and the file has time_s"):
-        read(tmp_path / "c.csv", "\n".join([HEAD, *LINES]) + "\n", rows=rows)
+        read(tmp_path / "c.csv", "\n".join([HEAD, *LINES]) + "\n", order=rows)
 
 
 @pytest.mark.parametrize("name", ["ms", "Milliseconds", "Fractional Seconds", "nsec"])

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.rig.records.test_record_files import file, read, refusal
+from tests.rig.records.reading import read, refusal
 
-__all__ = ["file"]
 SECONDS = np.array([0.0, 1.007, 2.049, 3.090, 4.12, 5.5, 6.507])
 
 
