@@ -6,7 +6,7 @@ A record with temperature and output gives a film, one with current a plate.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -248,36 +248,36 @@ def identified(records: Sequence[Record], options: FitOptions, say: Callable[[st
     if not with_film and not with_plate:
         raise _nothing_to_fit(records, options.output)
     output = rising(records, options.output, say)
-    found = Identified(tuple(records), output, Model(None, None))
-    film_model, plate_model = None, None
-    lag_s = 0.0
+    plate, film, compression, lag_s = None, None, None, 0.0
     courses: dict[int, Array] = {}
     if with_plate:
         lagging = plate_fit(with_plate, options.plate, lag=True)
         plate, lag_s = lagging.without_lag or lagging, lagging.lag_s
-        plate_model = plate.model
-        found = replace(found, plate=plate, drive=with_plate[0].drive, plate_records=tuple(with_plate))
         if not plate.far_off:
             courses = {id(record): course for record, course in zip(with_plate, plate.course_degC, strict=True)}
+    numbers: list[FilmNumbers] = []
     if with_film:
         film = film_fit(with_film, output, [courses.get(id(record)) for record in with_film], **options.of_the_film)
         compression = _compressed(film.model, with_film, options.compress) if options.compress is not None else None
-        film_model = film.model if compression is None else compression.model
-        numbers = (
-            doubted(numbers_of_record(record, output, film, k), modelled(film, k, record), record.output(output))
-            for k, record in enumerate(with_film)
-        )
-        found = replace(
-            found,
-            film=film,
-            film_records=tuple(with_film),
-            findings=tuple(check_model(film.model, *seen_degC(with_film)).findings),
-            compression=compression,
-            numbers=tuple(numbers),
-            lag_s=lag_s,
-        )
-    model = Model(film_model, plate_model)
-    return replace(found, model=fitted_to(model, with_film) if with_film else model)
+        for k, record in enumerate(with_film):
+            found = numbers_of_record(record, output, film, k)
+            numbers.append(doubted(found, modelled(film, k, record), record.output(output)))
+    film_model = compression.model if compression is not None else film.model if film is not None else None
+    model = Model(film_model, plate.model if plate is not None else None)
+    return Identified(
+        records=tuple(records),
+        output=output,
+        model=fitted_to(model, with_film) if with_film else model,
+        film=film,
+        plate=plate,
+        film_records=tuple(with_film),
+        plate_records=tuple(with_plate),
+        findings=tuple(check_model(film.model, *seen_degC(with_film)).findings) if film is not None else (),
+        compression=compression,
+        numbers=tuple(numbers),
+        lag_s=lag_s,
+        drive=with_plate[0].drive if with_plate else None,
+    )
 
 
 def modelled(film: FilmFit, number: int, record: Record) -> Array:

@@ -29,7 +29,6 @@ from sim.inference.nuisance import LEAST_NOISE_DEC, Told, first_readings, fit_ow
 from sim.inference.record.record import Mask, own_noise, read_columns, told_of
 from sim.inference.record.record import Record as Rows
 from sim.model.chain import NO_PLATE, ChainModel
-from sim.model.inputs import NAMES as INPUTS
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, RecordOwn, long_gaps
 from sim.model.record_run import RecordRun, straight_path
@@ -141,21 +140,10 @@ def _meaningful(model: Model, where: object) -> tuple[Switched, ...]:
 
 def _rows(record: Record) -> Rows:
     """Return when the record's rows were commanded and read, with gaps found as a diagnosis finds them."""
-    asked = (
-        "time_s",
-        "temperature_degC",
-        "current_A",
-        "resistance_ohm",
-        "meter_current_A",
-        "resistance_time_s",
-        "current_time_s",
-        "meter_current_time_s",
-        *INPUTS,
-    )
     if "temperature_degC" in record.columns and not record.has("temperature_degC"):
         raise fault(record.source, "temperature_degC", f"no finite number in {record.rows} rows, expected degC")
     try:
-        rows = read_columns({n: record[n] for n in asked if record.has(n)}, held_out=False, fewest=1)
+        rows = read_columns({n: record[n] for n in record.columns if record.has(n)}, held_out=False, fewest=1)
     except ValueError as error:
         name, _, text = str(error).splitlines()[0].partition(": ")
         raise fault(record.source, name, text) from None
