@@ -92,5 +92,5 @@ class _Here(Executor):
 @pytest.fixture
 def computed_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Many cases computed in this process: each other one takes seconds to begin. For tests of what becomes of the
-    results; tests/rig/batch and tests/rig/test_many_records.py are of the processes."""
+    results; tests/rig/batch are of the processes."""
     monkeypatch.setattr("rig.batch.engine.ProcessPoolExecutor", lambda *settings: _Here())

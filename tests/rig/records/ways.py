@@ -1,4 +1,4 @@
-"""Ways in which labs and their instruments write one record, each as it was met, none made for the reader.
+"""Forty ways in which labs and their instruments write one record, each as it was met, none made for the reader.
 
 The truth's units are converted here by factors of its own. Read right: every column that was written is there, and its
 values are the truth's to the file's digits. A flag is a line that the refusal printed, typed as it stands; where it
@@ -8,6 +8,7 @@ a value is another one, or a column that was written is missing and no line says
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import shlex
@@ -27,12 +28,16 @@ Values = np.ndarray
 # unit in the file -> (from ours to it, from it to ours)
 UNITS: dict[str, tuple[Callable[[Values], Values], Callable[[Values], Values]]] = {
     "as ours": (lambda x: x, lambda x: x),
+    "ms": (lambda x: x * 1e3, lambda x: x / 1e3),
     "min": (lambda x: x / 60.0, lambda x: x * 60.0),
     "K": (lambda x: x + 273.15, lambda x: x - 273.15),
+    "degF": (lambda x: x * 1.8 + 32.0, lambda x: (x - 32.0) / 1.8),
     "kohm": (lambda x: x / 1e3, lambda x: x * 1e3),
     "Mohm": (lambda x: x / 1e6, lambda x: x * 1e6),
     "log10ohm": (np.log10, lambda x: 10.0**x),
+    "uS": (lambda x: 1e6 / x, lambda x: 1e6 / x),
     "mA": (lambda x: x * 1e3, lambda x: x / 1e3),
+    "percent": (lambda x: x * 100.0, lambda x: x / 100.0),
 }
 
 
@@ -53,14 +58,15 @@ class Truth:
 
 @dataclass
 class Way:
-    """A file as somebody writes it. expected: our column -> (values, what the digits leave open); units: what whoever
-    wrote it knows of the units, for a reader who has to ask."""
+    """A file as somebody writes it. expected: our column -> (values, what the digits leave open); drive: whether
+    current_A is a share of full drive; units: what whoever wrote it knows of the units, for a reader who has to ask."""
 
     name: str
     file: str
     content: bytes
     expected: dict[str, tuple[Values, Values]]
     units: dict[str, str] = field(default_factory=dict)
+    drive: bool = False
 
 
 def truth_of(seed: int, rows: int = 240, step_s: float = 0.5) -> Truth:
@@ -266,6 +272,11 @@ TABLES: tuple[Callable[[Truth], Way], ...] = (
           encoding="utf-8-sig", end="\r\n"),
     table("quantities over units: t / min", "Versuch.txt", (MINUTES, CELSIUS, KOHM, MA),
           ["t / min\tϑ / °C\tR / kΩ\tI / mA"], "\t"),
+    table("degrees Fahrenheit, elapsed h:mm:ss", "omega.csv", (("temperature_degC", "degF", ".2f"), OHM),
+          ["Elapsed,Temp (°F),Res (ohm)"],
+          clock=[lambda s, t, k: f"{int(t // 3600)}:{int(t % 3600 // 60):02d}:{t % 60:04.1f}"]),
+    table("a clock, over midnight", "night.csv", (CELSIUS, OHM), ["Time,T_C,R_ohm"], clock=[TENTH],
+          start=datetime(2026, 11, 21, 23, 59, 12)),
     table("German dates, 123.456,78", "Export.csv", (CENTI, ("resistance_ohm", "as ours", ".2f")),
           ["Datum/Uhrzeit;Temperatur (°C);Widerstand (Ohm)"], ";", change=dotted, encoding="cp1252", end="\r\n",
           clock=[lambda s, t, k: f"{s:%d.%m.%Y %H:%M:%S},{s.microsecond // 100000}"]),
@@ -273,6 +284,15 @@ TABLES: tuple[Callable[[Truth], Way], ...] = (
           ["Date,Time,Temp(C),Resistance(ohm)"],
           clock=[lambda s, t, k: f"{s:%d/%m/%Y}", lambda s, t, k: f"{s:%H:%M:%S}"],
           start=datetime(2026, 4, 3, 23, 57, 30), step_s=2.0, units="time_s=dmy"),
+    table("conductance in microsiemens", "G.csv", (TIME, KELVIN, ("resistance_ohm", "uS", ".6g")),
+          ["Time (s),Temperature (K),Conductance (µS)"], units="resistance_ohm=uS"),
+    table("resistance that is called conductance", "R.csv",
+          (("time_s", "ms", ".0f"), KELVIN, ("resistance_ohm", "as ours", ".2f")),
+          ["Time (ms),Temperature (K),Conductance (Ohm)"], units="resistance_ohm=ohm"),
+    table("kelvin under the name of degC", "film.csv", (TIME, KELVIN, OHM), ["time_s,temperature_degC,resistance_ohm"],
+          units="temperature_degC=K"),
+    table("bare names, R in kilohms", "x.csv", (TIME, CELSIUS, KOHM), ["time,temp,R"],
+          units="time_s=s temperature_degC=degC resistance_ohm=kohm"),
     table("a Japanese logger, cp932", "data.csv", (TIME, CENTI, KOHM), ["時間(s),温度(℃),抵抗(kΩ)"], encoding="cp932",
           end="\r\n", units="time_s=s temperature_degC=degC resistance_ohm=kohm"),
     table("log10 of the resistance, two spaces", "loop.txt", (TIME, CENTI, ("resistance_ohm", "log10ohm", ".5f")),
@@ -313,6 +333,22 @@ def quantum_design(truth: Truth) -> Way:
     return Way("Quantum Design PPMS", "film12.dat", encoded([*head, *rows], end="\r\n"), expected)
 
 
+def bench_meter(truth: Truth) -> Way:
+    fields, expected = columns_of(truth, (("time_s", "as ours", ".3f"), CELSIUS, OHM))
+    fields[2][0] = "+9.900000E+37"
+    resistance, slack = expected["resistance_ohm"]
+    resistance = resistance.copy()
+    resistance[0] = float("inf")
+    expected["resistance_ohm"] = resistance, slack
+    head = [
+        '"Project Name","film 12"', '"Application","Data Logger"', '"Instrument","DMM6500 SN04412345"',
+        '"Start Time","11/21/2026 14:03:02"', '"Channel","101","102"', "",
+        '"Relative Time (s)","Temperature (°C)","4W Resistance (Ω)"',
+    ]  # fmt: skip
+    lines = [*head, *lines_of(fields, ",")]
+    return Way("a meter's preamble and 9.9E37 for overflow", "run 12.csv", encoded(lines, end="\r\n"), expected)
+
+
 def midi_logger(truth: Truth) -> Way:
     fields, expected = columns_of(truth, (("temperature_degC", "as ours", ".1f"), ("resistance_ohm", "kohm", ".3f")))
     expected["time_s"] = times(truth)
@@ -345,6 +381,15 @@ def hand_meter(truth: Truth) -> Way:
     return Way("a handheld meter: a unit in every field, OL", "log.txt", encoded(lines), expected, units)
 
 
+def pid_log(truth: Truth) -> Way:
+    share = Truth(truth.time_s, truth.temperature_degC, truth.resistance_ohm, truth.current_A / 4.0, truth.sink_degC)
+    fields, expected = columns_of(share, (TIME, CELSIUS, ("current_A", "percent", ".2f")))
+    setpoint = [f"{25.0 + 10.0 * (k // 60):.1f}" for k in range(len(fields[0]))]
+    lines = ["Time (s),PV (degC),SP (degC),Output (%)", *lines_of([*fields[:2], setpoint, fields[2]], ",")]
+    units = {"current_A": "percent"}
+    return Way("a PID controller's log, output in percent", "pid.csv", encoded(lines), expected, units, drive=True)
+
+
 def restarted(truth: Truth) -> Way:
     fields, expected = columns_of(truth, (TIME, CELSIUS, OHM))
     head, rows = "Time (s),Temperature (°C),Resistance (Ω),,", [line + ",," for line in lines_of(fields, ",")]
@@ -352,7 +397,56 @@ def restarted(truth: Truth) -> Way:
     return Way("header again after a restart, blank columns", "append.csv", encoded(lines), expected)
 
 
-WAYS: tuple[Callable[[Truth], Way], ...] = (*TABLES, r_frame, quantum_design, midi_logger, hand_meter, restarted)
+def workbook(truth: Truth) -> Way:
+    from openpyxl import Workbook
+
+    fields, expected = columns_of(truth, (TIME, KELVIN, ("resistance_ohm", "kohm", ".5f")))
+    book = Workbook()
+    sheet = book.active
+    assert sheet is not None
+    for row in (["VO2 film 12, second run"], [], ["Time", "Temperature", "Resistance"], ["s", "K", "kΩ"]):
+        sheet.append(row)
+    for row in zip(*fields, strict=True):
+        sheet.append([float(text) for text in row])
+    return Way("Excel workbook: a title, units below the names", "film12.xlsx", _saved(book), expected)
+
+
+def workbook_dates(truth: Truth) -> Way:
+    from openpyxl import Workbook
+
+    fields, expected = columns_of(truth, (CELSIUS, ("resistance_ohm", "as ours", ".3f")))
+    expected["time_s"] = times(truth, 2e-3)  # a workbook keeps days, to the millisecond
+    book = Workbook()
+    notes, sheet = book.active, book.create_sheet("Data")
+    assert notes is not None
+    notes.append(["see the next sheet"])
+    sheet.append(["Date", "Temperature (°C)", "Resistance (Ω)"])
+    for stamp, *row in zip(stamps(truth), *fields, strict=True):
+        sheet.append([stamp, *(float(text) for text in row)])
+    return Way("Excel workbook: dates, second sheet", "log.xlsx", _saved(book), expected)
+
+
+def _saved(book: object) -> bytes:
+    file = io.BytesIO()
+    book.save(file)  # type: ignore[attr-defined]
+    return file.getvalue()
+
+
+def matlab(truth: Truth) -> Way:
+    from scipy.io import savemat
+
+    columns = [("time_s", "as ours", ".15g"), ("temperature_degC", "K", ".15g"), ("resistance_ohm", "as ours", ".15g")]
+    fields, expected = columns_of(truth, columns)
+    t, kelvin, ohm = (np.array([float(text) for text in texts])[:, None] for texts in fields)
+    file = io.BytesIO()
+    savemat(file, {"data": {"time_s": t, "T_K": kelvin, "R_ohm": ohm, "sample": "film 12"}, "fs": 2.0})
+    return Way("MATLAB .mat, a struct", "film12.mat", file.getvalue(), expected)
+
+
+WAYS: tuple[Callable[[Truth], Way], ...] = (
+    *TABLES, r_frame, quantum_design, bench_meter, midi_logger, hand_meter, pid_log, restarted, workbook,
+    workbook_dates, matlab,
+)  # fmt: skip
 
 
 FLAG = re.compile(r"--column (?:'[^']*'|\S+)")
@@ -380,8 +474,8 @@ def wrong(record: Record, way: Way) -> str:
         if np.any(off > 0.0):
             k = int(np.argmax(off))
             return f"{name}: {found[k]:.6g} for {values[k]:.6g} in silence"
-    if record.drive is not None:
-        return "amperes as a share of full drive in silence"
+    if (record.drive is not None) != way.drive:
+        return "a share of full drive as amperes in silence"
     return ""
 
 
