@@ -67,7 +67,8 @@ class Header:
 def text_table(text: str, path: Path, decimal: str = "") -> Table:
     """Return the table in a text; decimal: '.' or ',' if the user typed it. Raises Faults."""
     lines = text.rstrip("\x1a\0").splitlines()
-    lines, igor_names = _without_igor(lines) if lines and lines[0].strip() == "IGOR" else (lines, None)
+    if lines and lines[0].strip() == "IGOR":
+        lines = _igor_rows(lines)
     if not any(line.strip() and not line.startswith("#") for line in lines):
         raise fault(path, "line 1", "expected a header line with column names, the file is empty")
     lines = _join_quoted_names(lines)
@@ -78,10 +79,7 @@ def text_table(text: str, path: Path, decimal: str = "") -> Table:
     if layout.fields > MOST_COLUMNS:
         raise fault(path, "", f"{layout.fields} columns; expected at most {MOST_COLUMNS}")
     start = _first_row(lines, layout)
-    if igor_names is not None:
-        header = Header([igor_names] if len(igor_names) == layout.fields else [], 0, frozenset())
-    else:
-        header = _find_header(lines, start, layout, path)
+    header = _find_header(lines, start, layout, path)
     names, units = _names_and_units(header, layout)
     columns, line_of, notes = _read_rows(lines, start, layout, header, text, path)
     texts = [column for column in columns if isinstance(column, list)]
@@ -383,17 +381,17 @@ def _wrong_widths(path: Path, wrong: Sequence[tuple[int, int]], expected: int) -
     return fault(path, f"line {line}", f"{_fields_text(fields)}, expected {expected}{more}")
 
 
-def _without_igor(lines: list[str]) -> tuple[list[str], list[str] | None]:
-    """Return the rows of an Igor text, between BEGIN and END, and the names after WAVES; other lines become empty."""
-    kept, names, inside, done = [], None, False, False
+def _igor_rows(lines: list[str]) -> list[str]:
+    """Return an Igor text with the names after its first WAVES and the rows between BEGIN and END, in their lines."""
+    kept: list[str] = []
+    inside = named = False
     for line in map(str.strip, lines):
-        if line.upper().startswith("WAVES") and names is None:
-            names = re.split(r"[\s,]+", line)[1:]
-        inside = inside and line != "END"
-        kept.append(line if inside and not done else "")
-        done = done or (line == "END" and names is not None)
-        inside = inside or line == "BEGIN"
-    return kept, names
+        if line == "END" and named:
+            break
+        names = re.split(r"[\s,]+", line)[1:] if not named and line.upper().startswith("WAVES") else []
+        kept.append("\t".join(names) or (line if inside else ""))
+        inside, named = inside or line == "BEGIN", named or bool(names)
+    return kept
 
 
 def _join_quoted_names(lines: list[str]) -> list[str]:
