@@ -27,13 +27,17 @@ class Answering:
 
 
 class Host:
-    """Speaks to one emulated meter and keeps the time."""
+    """Speaks to one emulated instrument and keeps the time; patience_s: from a message to its answer."""
 
-    def __init__(self, meter: Any, end: bytes = b"\r") -> None:
-        self.meter, self._end = meter, end
+    def __init__(self, instrument: Any, end: bytes = b"\r", patience_s: float = 2.0) -> None:
+        self.instrument, self._end, self._patience_s = instrument, end, patience_s
         self.time_s = 0.0
 
-    def say(self, message: str, patience_s: float = 2.0, end: bytes | None = None) -> str:
-        self.meter.receive(message.encode() + (self._end if end is None else end), self.time_s)
-        self.time_s += patience_s
-        return str(self.meter.transmit(self.time_s).decode().rstrip("\r\n"))
+    def say(self, message: str, patience_s: float | None = None, end: bytes | None = None) -> str:
+        self.instrument.receive(message.encode("latin-1") + (self._end if end is None else end), self.time_s)
+        self.wait(self._patience_s if patience_s is None else patience_s)
+        return str(self.instrument.transmit(self.time_s).decode("latin-1").rstrip("\r\n"))
+
+    def wait(self, duration_s: float) -> None:
+        self.time_s += duration_s
+        self.instrument._plant.advance_to(self.time_s)

@@ -1,0 +1,307 @@
+"""What each emulator answers, as `dialogues.txt` has it from the manuals; what it refuses; and when it answers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.drivers.lakeshore import TOKENS
+from sim.instruments.keithley2000 import Keithley2000
+from sim.instruments.lakeshore import LakeShore
+from sim.instruments.srs_ldc500 import SrsLdc500
+from tests.rig.drivers.far_ends import Host
+from tests.rig.drivers.still_plant import StillPlant
+from tests.sim.instruments.hosts import host_of
+
+
+def read_dialogues() -> dict[str, list[str]]:
+    """Return the lines of each, by its heading."""
+    found: dict[str, list[str]] = {}
+    for line in Path(__file__).with_name("dialogues.txt").read_text(encoding="utf-8").splitlines():
+        if line.startswith("== "):
+            lines = found[line[3:]] = []
+        elif line and not line.startswith("# "):
+            lines.append(line)
+    return found
+
+
+DIALOGUES = read_dialogues()
+
+
+@pytest.mark.parametrize("heading", DIALOGUES)
+def test_the_emulator_holds_its_dialogue(heading: str, plant: StillPlant) -> None:
+    driver, *words = heading.partition(":")[0].split()
+    options: dict[str, Any] = dict(word.split("=") for word in words)
+    for name in options.keys() & {"update_s", "heating_sign"}:
+        options[name] = float(options[name])
+    host = host_of(driver, plant, **options)
+    for line in DIALOGUES[heading]:
+        if line.startswith("@ wait "):
+            host.wait(float(line.removeprefix("@ wait ")))
+        elif line.startswith("@ "):
+            name, sign, value = line.removeprefix("@ ").split()
+            if sign == "=":
+                setattr(plant, name, float(value))
+            else:
+                assert getattr(plant, name) == pytest.approx(
+                    float(value), rel=0.03 if driver == "te_technology" else 1e-6
+                ), line
+        else:
+            message, _, expected = (part.strip() for part in line.partition("->"))
+            reply = re.sub(r"[\r\n]+", " | ", host.say(message))
+            assert reply.startswith(expected[:-3]) if expected.endswith("...") else reply == expected, line
+
+
+REFUSALS = {  # how an error is asked for; and the errors of messages
+    "keithley2000": (
+        ":SYST:ERR?",
+        {
+            ":SENS:FUNC FRES": "-141,",
+            ":SENS:FUNC 'NONSENSE'": "-224,",
+            ":SENS:FRES:NPLC 11": "-222,",
+            ":SENS:FRES:NPLC nan": "-222,",
+            ":SENS:FRES:NPLC": "-109,",
+            ":SENS:FRES:NPLC five": "-120,",
+            ":SENS:FRES:RANG 121e6": "-222,",
+            ":READ": "-113,",
+            "*XYZ?": "-113,",
+        },
+    ),
+    "hp34401a": (
+        "SYST:ERR?",
+        {"FETC?": "-230,", "FUNC 'X'": "-224,", "RES:RANG 121e6": "-222,", "READ": "-113,", "*ESE 256": "-222,"},
+    ),
+    "keithley2400": (
+        ":SYST:ERR?",
+        {
+            ":FUNC RES": "-141,",
+            ":FUNC 'X'": "-224,",
+            ":RES:RANG 211E6": "-222,",
+            ":RES:MODE X": "-224,",
+            ":SOUR:FUNC X": "-224,",
+            ":FORM:ELEM X": "-224,",
+            ":FORM:ELEM": "-109,",
+            ":FUNC": "-109,",
+            ":SOUR:CURR 2": "-222,",
+            ":OUTP MAYBE": "-120,",
+            ":BOGUS": "-113,",
+        },
+    ),
+    "keithley2450": (  # its errors have a date
+        ":SYST:ERR?",
+        {
+            ":BOGUS": '-113,"Undefined header;1;2026/01/01 00:00:00.000"',
+            ':SENS:FUNC "X"': "-224,",
+            ':READ? "defbuffer1",X': "-224,",
+            ":SENS:RES:RANG 1E9": "-222,",
+            ":READ?": "-221,",  # with the output off
+            ":MEAS:RES?": "-221,",
+        },
+    ),
+    "lakeshore": (
+        "*ESR?",
+        {
+            "BOGUS 1": "032",
+            "RANGE 1": "032",
+            "RANGE 1,9": "016",
+            "CRDG? Z": "016",
+            "MOUT 1,101": "016",
+            "TLIMIT A": "032",
+        },
+    ),
+    "srs_ldc500": (
+        "LCME?;LCME?;LEXE?",
+        {
+            "12345": "1\r\n0\r\n0",
+            "XYZW 1": "2\r\n0\r\n0",
+            "XYZW?": "2\r\n",
+            "*CLS?": "3\r\n",
+            "TTRD 5": "4\r\n",
+            "TEMP": "5\r\n",
+            "TEMP 1,2": "6\r\n",
+            "TEMP? 1": "6\r\n",
+            "TEMP nan": "9\r\n",
+            "*ESE x": "10\r\n",
+            "TMOD 7": "12\r\n",
+            "TMOD CQ": "14\r\n",
+            "TEMP 200": "0\r\n0\r\n1",
+            "TEMP -60": "0\r\n0\r\n1",
+            "TCUR 4.6": "0\r\n0\r\n1",
+            "TVLM -9": "0\r\n0\r\n1",
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("driver", REFUSALS)
+def test_what_the_device_refuses_is_refused(driver: str, plant: StillPlant) -> None:
+    """Else a driver that asks for nonsense works on the bench of the simulation alone."""
+    host = host_of(driver, plant)
+    host.say("SYST:REM" if driver == "hp34401a" else "*CLS")
+    question, refusals = REFUSALS[driver]
+    host.say(question)  # what the beginning has left
+    for message, error in refusals.items():
+        assert host.say(message) == ""
+        assert host.say(question).startswith(error), message
+
+
+@pytest.mark.parametrize(
+    ("payload", "reply"),
+    [
+        ("?XX", "+01"),
+        ("CS00", "+01"),
+        ("?VR03E8", "+04"),
+        ("?VR03G801", "+04"),
+        ("VS0BB801-0000001", "+04"),
+        ("VS0BB80141AE00", "+04"),
+        ("1234?", "+05"),
+        ("1000=21.75", "+06"),
+        ("VS0BB8017FC00000", "+07"),  # nan
+        ("3000=1000.1", "+07"),
+        ("2010=4", "+07"),
+        ("2030=4.5", "+07"),
+        ("2060=0.05", "+07"),
+        ("?VR03E802", "+08"),
+    ],
+)
+def test_mecom_refusals(plant: StillPlant, payload: str, reply: str) -> None:
+    assert host_of("meerstetter", plant).say(payload) == reply
+
+
+# ---- lines and their ends -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("driver", "message", "reply"),
+    [
+        ("keithley2000", "*OPC?", "1"),
+        ("srs_ldc500", "TMOD?", "0"),
+        ("tclab", "T1", "24.77"),
+        ("lakeshore", "RANGE? 1", "0"),
+    ],
+)
+@pytest.mark.parametrize("end", [b"\r", b"\n", b"\r\n"])
+def test_each_end_of_a_line_ends_one(plant: StillPlant, driver: str, message: str, reply: str, end: bytes) -> None:
+    host = host_of(driver, plant)
+    assert [host.say(message, end=end) for _ in range(2)] == [reply, reply]
+    assert host.say(message, end=b"") == ""  # nothing runs before it
+    assert host.say("", end=end) == reply
+
+
+@pytest.mark.parametrize(("number", "end"), [(0, ""), (1, "\r"), (2, "\n"), (3, "\r\n"), (4, "\n\r"), ("lf", "\n")])
+def test_srs_answers_end_as_it_is_set(plant: StillPlant, number: object, end: str) -> None:
+    tec = SrsLdc500(plant)
+    tec.receive(f"TERM {number};TMOD?;TEON?\n".encode(), 0.0)
+    assert tec.transmit(0.3).decode() == f"0{end}0{end}"
+
+
+def test_the_error_queue_holds_ten(plant: StillPlant) -> None:
+    host = host_of("keithley2000", plant)
+    for _ in range(13):
+        host.say(":BOGUS")
+    errors = [host.say(":SYST:ERR?") for _ in range(11)]
+    assert errors == ['-113,"Undefined header"'] * 9 + ['350,"Queue Overflow"', '0,"No error"']
+
+
+def test_srs_takes_a_moment_to_log_an_error(plant: StillPlant) -> None:
+    host = Host(SrsLdc500(plant, error_s=0.2), b"\n", 0.1)
+    assert host.say("XYZW;LCME?") == "0"
+    host.wait(0.2)
+    assert host.say("LCME?") == "2"
+
+
+def test_lakeshore_keeps_every_token_of_the_driver(plant: StillPlant) -> None:
+    host = host_of("lakeshore", plant)
+    for token in TOKENS:
+        host.say(f"*ESE {token}")
+        assert host.say("*ESE?") == f"{token:03d}"
+    assert len(TOKENS) == 31
+
+
+@pytest.mark.parametrize("command", ["X", "A", "Q3 5", "#0015AA?IF62AE", "*IDN?", "Q1B", "x" * 65])
+def test_what_a_tclab_does_not_know_switches_its_heaters_off(plant: StillPlant, command: str) -> None:
+    host = host_of("tclab", plant)
+    host.say("Q1 80")
+    host.say("Q2 80")
+    assert plant.current_A == pytest.approx(0.8)
+    host.say(command)
+    assert (plant.current_A, host.say("R1"), host.say("R2")) == (0.0, "0.00", "0.00")
+
+
+@pytest.mark.parametrize(("gain", "sign"), [(-1.0, 1), (-1.0, -1), (1.0, 1)])
+def test_srs_regulates_with_a_negative_gain_alone(plant: StillPlant, gain: float, sign: int) -> None:
+    host_of("srs_ldc500", plant, heating_sign=sign).say(f"TMOD CT;TEMP 30;TPGN {gain};TEON 1")
+    assert (plant.current_A > 0.0) is (gain < 0.0)
+
+
+# ---- time -----------------------------------------------------------------------------------------
+
+
+def test_a_meter_samples_the_middle_of_its_aperture(plant: StillPlant) -> None:
+    meter = Keithley2000(plant, baudrate=9600, command_s=0.002, overhead_s=0.004)
+    host = Host(meter)
+    host.say(":CONF:FRES;:SENS:FRES:NPLC 5;:SENS:FRES:RANG 10000")
+    meter.receive(b":READ?\r", host.time_s)
+    arrived_s = host.time_s + 7 / 960 + 0.002
+    due_s = host.time_s
+    while not (data := meter.transmit(due_s)):
+        following = meter.next_transmit_s()
+        assert following is not None
+        assert following > due_s
+        due_s = following
+    assert plant.sampled_s == pytest.approx(arrived_s + 0.05)
+    assert due_s == pytest.approx(arrived_s + 0.1 + 0.004 + len(data) / 960)
+
+
+def test_commands_and_a_fetch_wait_for_a_reading(plant: StillPlant) -> None:
+    host = host_of("keithley2000", plant)
+    host.say(":CONF:FRES;:SENS:FRES:NPLC 10;:SENS:FRES:RANG 10000")
+    host.instrument.receive(b":INIT;:FETC?\r:SENS:FRES:RANG 100000\r*OPC?\r", host.time_s)
+    assert host.instrument.transmit(host.time_s + 0.15) == b""
+    assert plant.test_current_A == 1e-4
+    assert host.say("") == "+1.00000000E+04\n1"
+    assert plant.test_current_A == 1e-5
+
+
+@pytest.mark.parametrize(
+    ("driver", "character"), [("keithley2000", b"\x18"), ("keithley2000", b"\x03"), ("hp34401a", b"\x03")]
+)
+def test_an_abort_discards_everything(plant: StillPlant, driver: str, character: bytes) -> None:
+    host = host_of(driver, plant)
+    host.say("SYST:REM")
+    host.say(":CONF:RES;:RES:NPLC 10")
+    host.instrument.receive(b":READ?\r*ID", host.time_s)
+    host.instrument.transmit(host.time_s + 0.02)
+    host.instrument.receive(character + b"*OPC?\r", host.time_s + 0.05)
+    assert [host.say(""), host.say("")] == ["1", ""]
+    assert host.say("READ?") == "+1.00000000E+04"
+
+
+def test_hp34401a_holds_off_while_an_answer_is_due(plant: StillPlant) -> None:
+    host = host_of("hp34401a", plant)
+    host.say("SYST:REM")
+    host.say("CONF:RES 10000")
+    dmm = host.instrument
+    dmm.receive(b"READ?\n", host.time_s)
+    dmm.transmit(host.time_s + 0.02)
+    dmm.receive(b"FUNC?\n", host.time_s + 0.02)  # fits into the ten characters
+    dmm.receive(b"FUNC?\n", host.time_s + 0.03)  # does not
+    assert host.say("") == '+1.00000000E+04\r\n"RES"'
+    assert host.say("") == ""  # ends what has arrived of the second
+    assert host.say("SYST:ERR?") == '512,"RS-232 overrun error"'
+    assert host.say("FUNC?") == '"RES"'
+    host.say("*CLS;" * 20 + "FUNC?")
+    assert host.say("SYST:ERR?") == '+0,"No error"'
+    assert host.say("*CLS;" * 21 + "FUNC?") != '"RES"'
+
+
+def test_lakeshore_makes_ten_readings_a_second(plant: StillPlant) -> None:
+    host = Host(LakeShore(plant), b"\n", 0.02)
+    assert host.say("CRDG? A") == "+025.000"
+    plant.temperature_degC = 26.0
+    assert host.say("CRDG? A") == "+025.000"
+    host.wait(0.1)
+    assert host.say("CRDG? A") == "+026.000"
