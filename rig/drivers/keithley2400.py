@@ -48,8 +48,7 @@ class SourceMeter(ScpiMeter):
     def start_reading(self) -> None:
         """Begin a reading; switch the output on if it has to be."""
         if self._ranges:
-            if self.link.in_doubt:
-                self.link.resynchronise()
+            self.link.be_in_step()
             if self._rests:
                 self._apply()
             if self._stays_on and not self._output_is_on:

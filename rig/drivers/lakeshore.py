@@ -338,8 +338,7 @@ class LakeShoreController(TemperatureController):
 
     def _require(self, commands: str) -> None:
         """Bring the line in step, so that it is known whether the output is still armed; Refused if it is not."""
-        if self.link.in_doubt:
-            self.link.resynchronise()
+        self.link.be_in_step()
         self._require_armed(commands)
 
     def _set(self, name: str, value: str) -> None:

@@ -76,17 +76,20 @@ class ScpiLink:
         """Give up on the answer that is under way; the next question brings the line in step."""
         self._pending = False  # in doubt it has been since that question was sent
 
+    def be_in_step(self, trials: int = RESYNCHRONISATIONS) -> None:
+        """Bring the line in step if it is in doubt. OutOfStep if a question waits for its answer."""
+        if self._pending:
+            self._pending = False
+            raise OutOfStep("a question is asked while another waits for its answer")
+        if self.in_doubt or self._has_unasked():
+            self.resynchronise(trials)
+
     def start(self, message: str, answer_s: float | None = None, trials: int = RESYNCHRONISATIONS) -> None:
         """Send a message with a question, whose answer `finish` returns within `answer_s` from now.
 
         trials: to bring the line in step first, if it is in doubt.
         """
-        if self._pending:
-            self._pending = False
-            self.in_doubt = True
-            raise OutOfStep("a question is asked while another waits for its answer")
-        if self.in_doubt or self._has_unasked():
-            self.resynchronise(trials)
+        self.be_in_step(trials)
         extra_s = LONGEST_ANSWER * self._byte_s
         self._send(message, self._answer_s if answer_s is None else answer_s + extra_s)
 

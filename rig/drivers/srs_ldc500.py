@@ -315,8 +315,7 @@ class SrsLdc500Controller(TemperatureController):
 
     def _require_step(self, commands: str) -> None:
         """Bring the line in step, so that it is known whether the output is still armed; Refused if it is not."""
-        if self.link.in_doubt:
-            self.link.resynchronise()
+        self.link.be_in_step()
         self._require_armed(commands)
 
     def _set(self, name: str, value: float, resolution: float = 0.0) -> None:

@@ -18,7 +18,6 @@ from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2000 import Keithley2000
 from sim.instruments.keithley2400 import Keithley2400
 from sim.instruments.keithley2450 import Keithley2450
-from tests.rig.drivers.conversation import Conversation
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
@@ -78,25 +77,6 @@ def test_a_meter_that_was_switched_off_gets_its_filter_again(driver: str, attach
     plant.sampled.clear()
     meter.read()
     assert len(plant.sampled) == 2
-
-
-def test_conversation_of_a_filter(attach: Attach, clock: VirtualClock) -> None:
-    transcript = [
-        (b"\x18\r*ESE 8;*ESE?\r", b"8\n"),
-        (b":SYST:ERR?;*ESE?;*ESE 9\r", b'0,"No error";8\n'),
-        (
-            b":SENS:FRES:AVER:TCON REP;:SENS:FRES:AVER:COUN 2;:SENS:FRES:AVER:STAT ON;:SYST:ERR?;*ESE?;*ESE 10\r",
-            b'0,"No error";9\n',
-        ),
-        (
-            b":SENS:FRES:AVER:TCON?;:SENS:FRES:AVER:COUN?;:SENS:FRES:AVER:STAT?;*ESE?;*ESE 11\r",
-            b"REP;2;1;10\n",
-        ),
-    ]
-    conversation = Conversation(transcript)
-    meter: Any = open_meter("keithley2000", attach(conversation), clock, first_token=7)
-    set_filter(meter.link, ":SENS:FRES:AVER", 2)
-    conversation.assert_over()
 
 
 class Garbled:

@@ -1,16 +1,18 @@
-"""What every ohmmeter keeps to: test currents, ranges over a transition, off, settings after a restart."""
+"""What every ohmmeter keeps to: test currents, ranges over a transition, overrange, the time of a reading, off."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from rig.core.clock import VirtualClock
-from rig.core.errors import InstrumentError, OutOfStep, Refused
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
 from rig.core.reading import Quality
+from rig.drivers.meter import on_since_s, reading_in_words
 from rig.drivers.registry import open_meter
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_meter
@@ -31,12 +33,36 @@ def meter(case: Case, emulator: Any, attach: Attach, clock: VirtualClock) -> Any
     return open_meter(case.driver, attach(emulator), clock, **case.options)
 
 
+def settle(meter: Any) -> None:
+    """Read until the range has been found."""
+    for _ in range(3):
+        meter.read()
+
+
 def sweep(meter: Any, plant: StillPlant, decades: list[float]) -> None:
     """Read each resistance twice, so that the range has followed."""
     for decade in decades:
         plant.resistance_ohm = 10.0**decade
         assert meter.read().value == pytest.approx(plant.resistance_ohm, rel=1e-6)
         meter.read()
+
+
+class Rewritten:
+    """A meter that writes "beyond the range" in other digits."""
+
+    def __init__(self, meter: Any, text: str) -> None:
+        self._meter, self._text = meter, text.encode()
+
+    def receive(self, data: bytes, time_s: float) -> None:
+        self._meter.receive(data, time_s)
+
+    def transmit(self, time_s: float) -> bytes:
+        data: bytes = self._meter.transmit(time_s)
+        return re.sub(rb"\+?9\.90*E\+37", self._text, data)
+
+    def next_transmit_s(self) -> float | None:
+        due: float | None = self._meter.next_transmit_s()
+        return due
 
 
 def kept(emulator: Any) -> dict[str, Any]:
@@ -102,8 +128,131 @@ def test_an_integration_time_or_a_test_current_that_cannot_be(meter: Any, nplc: 
             meter.configure(True, 1.0, current_A)
 
 
-def test_another_instrument_is_refused(meter: Any, emulator: Any) -> None:
-    meter.identify()
+IDENTITIES = {
+    "keithley2000": "Keithley 2000, serial number 1234567, firmware A20  /A02",
+    "hp34401a": "HP 34401A, serial number 0, firmware 11-5-2",
+    "keithley2400": "Keithley 2400, serial number 1234567, firmware C30",
+    "keithley2450": "Keithley 2450, serial number 04096331, firmware 1.7.0e",
+}
+
+
+def test_it_says_who_it_is_and_another_instrument_is_refused(meter: Any, emulator: Any, case: Case) -> None:
+    assert str(meter.identify()).startswith(IDENTITIES[case.driver])
     emulator.identity = "SOMEBODY ELSE,MODEL 9999,1,2"
     with pytest.raises((Refused, OutOfStep), match="9999"):
         meter.identify()
+
+
+@pytest.mark.parametrize("four_wire", [True, False])
+def test_it_is_configured_as_it_was_asked_to_be(meter: Any, emulator: Any, plant: StillPlant, four_wire: bool) -> None:
+    meter.configure(four_wire, 0.2, 1e-3)
+    settings, source = emulator.settings, hasattr(emulator, "output_is_on")
+    function = "RES" if source or not four_wire else "FRES"
+    assert settings.get(f"{function}:NPLC", settings.get("NPLC")) == 0.2
+    assert settings[f"{function}:RANG:AUTO"] == 0
+    if source:
+        assert settings.get("RES:RSEN", settings.get("RSEN")) == int(four_wire)
+        assert (plant.test_current_A, emulator.output_is_on) == (0.0, False)
+    else:
+        assert emulator.function == function
+
+
+def test_the_first_reading_after_a_change_of_range_is_settling(meter: Any, plant: StillPlant) -> None:
+    """Its test current has just changed, and the film's self-heating with it."""
+    meter.configure(True, 1.0, 1e-3)
+    settle(meter)
+    plant.resistance_ohm = meter.full_scale / 20
+    assert [meter.read().quality for _ in range(3)] == [Quality.OK, Quality.SETTLING, Quality.OK]
+    plant.resistance_ohm = 3 * meter.full_scale
+    reading = meter.read()
+    assert (reading.value, reading.quality) == (math.inf, Quality.OVERRANGE)
+    assert "the next one is tried" in reading_in_words(reading, meter)
+    assert meter.read().value == pytest.approx(plant.resistance_ohm)
+
+
+@pytest.mark.parametrize("resistance_ohm", [-5.0, 0.0, math.nan])
+def test_an_impossible_resistance_is_invalid(meter: Any, plant: StillPlant, resistance_ohm: float) -> None:
+    meter.configure(True, 1.0, 1e-3)
+    settle(meter)
+    plant.resistance_ohm = resistance_ohm
+    reading = meter.read()
+    if "34401" in meter.NAME and math.isnan(resistance_ohm):
+        assert reading.quality is Quality.OVERRANGE  # it has one text for both
+        return
+    assert reading.quality is Quality.INVALID
+    assert "invalid" in reading_in_words(reading, meter)
+
+
+@pytest.mark.parametrize("text", ["+9.9E37", "9.9E37", "+9.9E+37", "+9.900000e+37", "-9.90000000E+37", "+9.9X37"])
+def test_an_open_film_is_told_as_that_in_whatever_digits(
+    case: Case, emulator: Any, attach: Attach, clock: VirtualClock, plant: StillPlant, text: str
+) -> None:
+    meter = open_meter(case.driver, attach(Rewritten(emulator, text)), clock, **case.options)
+    meter.configure(True, 1.0, 1e-3)
+    plant.resistance_ohm = math.inf
+    if "X" in text:
+        with pytest.raises(Corrupt):
+            meter.read()
+        return
+    for _ in range(8):
+        reading = meter.read()
+        assert reading.quality is Quality.OVERRANGE
+        assert reading.value == (-math.inf if text.startswith("-") else math.inf)
+    assert "the film is open or not connected" in reading_in_words(reading, meter)
+
+
+def test_its_time_is_the_middle_of_the_integration(meter: Any, plant: StillPlant, clock: VirtualClock) -> None:
+    meter.configure(True, 1.0, 1e-3)
+    settle(meter)
+    clock.sleep_until_s(10.0)
+    reading = meter.read()
+    assert reading.time_s == pytest.approx(plant.sampled_s, abs=2e-3)
+    assert 10.01 < reading.time_s < 10.07
+
+
+@pytest.mark.parametrize("later_s", [0.2, 5.0])
+def test_a_reading_waits_for_whoever_has_other_things_to_do(meter: Any, clock: VirtualClock, later_s: float) -> None:
+    """A controller that is silent keeps the loop from its meter for longer than an answer may take."""
+    meter.configure(True, 1.0, 1e-3)
+    settle(meter)
+    begin_s = clock.now_s()
+    meter.start_reading()
+    assert clock.now_s() - begin_s < (0.2 if hasattr(meter, "_stays_on") else 1e-9)
+    clock.sleep_until_s(begin_s + later_s)
+    assert meter.finish_reading().value == pytest.approx(1e4)
+    assert clock.now_s() == begin_s + later_s
+
+
+def test_readings_cannot_be_mixed_up(meter: Any) -> None:
+    meter.configure(True, 1.0, 1e-3)
+    with pytest.raises(OutOfStep):
+        meter.finish_reading()
+    meter.start_reading()
+    with pytest.raises(OutOfStep):
+        meter.start_reading()
+    assert meter.read().is_number
+
+
+def test_it_is_known_since_when_the_test_current_of_a_new_range_is_on(meter: Any, plant: StillPlant) -> None:
+    meter.configure(True, 1.0, 1e-3)
+    settle(meter)
+    plant.resistance_ohm = meter.full_scale / 20
+    meter.off()
+    meter.read()
+    assert math.isnan(on_since_s(meter))
+    changed = meter.read()
+    on_s = on_since_s(meter)
+    assert changed.time_s - on_s == pytest.approx(0.01)  # half of a line's period: the integration begins with it
+    meter.read()
+    assert on_since_s(meter) == on_s
+
+
+def test_off_is_not_confirmed_by_a_meter_that_goes_on(meter: Any, emulator: Any) -> None:
+    meter.configure(True, 0.2, 1e-3)
+    meter.read()
+    if hasattr(emulator, "switch_output"):
+        emulator.switch_output(True)
+        emulator.switch_output = lambda on: None
+    else:
+        emulator.choose_function = lambda function: None
+    assert meter.off() is False

@@ -1,20 +1,25 @@
-"""The TE Technology emulator and driver: setpoint mode, units, EEPROM, alarms, an output known to be off."""
+"""The TE Technology driver: EEPROM, readings that have to agree, units, alarms, off; the manuals' worked bytes."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
 from rig.core.clock import VirtualClock
-from rig.core.errors import Corrupt, OutOfStep, Refused
-from rig.core.reading import Quality
+from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
 from rig.drivers.registry import open_controller
-from rig.drivers.te_technology import TeTechnologyController
+from rig.drivers.te_technology import MODELS as TABLES
+from rig.drivers.te_technology import TeLink, TeTechnologyController
+from rig.ports.open import LineSettings, open_port
+from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
 from sim.instruments.te_technology import TeTechnology
+from tests.rig.drivers.conversation import Conversation
 from tests.rig.drivers.still_plant import StillPlant
+from tests.rig.drivers.transcripts import TE_36_25, TE_48_20, TE_BAD_SUM
 
 Attach = Callable[[Instrument], str]
 MODELS = ("tc-36-25", "tc-48-20")
@@ -50,32 +55,11 @@ def wait(clock: VirtualClock, tec: TeTechnology, duration_s: float) -> None:
     tec.transmit(clock.now_s())
 
 
-# ---- emulator -------------------------------------------------------------------------------------
-
-
 def say(tec: TeTechnology, code: bytes, value: int = 0, time_s: float = 0.0) -> int:
     body = b"00%b%08x" % (code, value & 0xFFFFFFFF)
     tec.receive(b"*%b%02x\r" % (body, sum(body) & 0xFF), time_s)
     reply = int(tec.transmit(time_s + 0.09)[1:9], 16)
     return reply - (reply >> 31 << 32)
-
-
-@pytest.mark.parametrize("heating_sign", [1, -1])
-def test_wiring(plant: StillPlant, heating_sign: int) -> None:
-    tec = TeTechnology(plant, heating_sign=heating_sign)
-    for index, (code, value) in enumerate(((b"1c", 3000), (b"2d", 1))):
-        say(tec, code, value, 0.1 * index)
-    tec.transmit(1.0)
-    assert tec.power > 0
-    assert plant.current_A * heating_sign > 0.0
-    say(tec, b"2d", 0, 2.0)
-    assert plant.current_A == 0.0
-
-
-def test_a_value_that_cannot_be_is_acknowledged_and_not_kept(plant: StillPlant) -> None:
-    tec = TeTechnology(plant)
-    assert say(tec, b"2d", 7, 0.0) == 7
-    assert say(tec, b"46", 0, 1.0) == 0
 
 
 def test_eeprom_is_written_while_it_may_be(plant: StillPlant) -> None:
@@ -87,76 +71,6 @@ def test_eeprom_is_written_while_it_may_be(plant: StillPlant) -> None:
     for index in range(5):
         say(tec, b"1c", 3000 + index, 2.0 + index)
     assert tec.eeprom_writes == written
-
-
-@pytest.mark.parametrize(("latch", "power"), [(0, True), (1, False)])
-def test_alarms_shut_down_and_may_latch(plant: StillPlant, latch: int, power: bool) -> None:
-    tec = TeTechnology(plant)
-    settings = ((b"28", 2), (b"23", 4000), (b"24", 1000), (b"2e", 1), (b"2f", latch), (b"1c", 3000), (b"2d", 1))
-    for index, (code, value) in enumerate(settings):
-        say(tec, code, value, 0.1 * index)
-    tec.transmit(1.0)
-    assert plant.current_A > 0.0
-    plant.temperature_degC = 41.0
-    tec.transmit(2.0)
-    assert (say(tec, b"05", 0, 2.0), plant.current_A) == (1, 0.0)
-    plant.temperature_degC = 9.0
-    tec.transmit(4.0)
-    assert say(tec, b"05", 0, 4.0) == 2
-    plant.temperature_degC = 20.0
-    tec.transmit(5.0)
-    assert (plant.current_A > 0.0) is power
-    say(tec, b"33", 1, 5.5)
-    tec.transmit(6.0)
-    assert plant.current_A > 0.0
-    plant.temperature_degC = math.nan
-    tec.transmit(7.0)
-    assert (say(tec, b"05", 0, 7.0), plant.current_A) == (16, 0.0)
-
-
-# ---- driver ---------------------------------------------------------------------------------------
-
-
-def test_identity(controller: TeTechnologyController, model: str) -> None:
-    identity = controller.identify()
-    assert identity.maker == "TE Technology"
-    assert identity.model.lower().startswith(model)
-
-
-def test_another_instrument_is_refused(controller: TeTechnologyController, tec: TeTechnology, model: str) -> None:
-    tec._reads[b"43" if model == "tc-36-25" else b"00"] = lambda: 77
-    with pytest.raises((Refused, OutOfStep), match="77"):
-        controller.identify()
-
-
-def test_it_commands_no_current(controller: TeTechnologyController, clock: VirtualClock) -> None:
-    assert (controller.commands_current, controller.has_dead_man) == (False, False)
-    controller.configure(4.0, (10.0, 95.0), 0.0)
-    for action in (controller.arm_current, lambda: controller.set_current_A(0.5)):
-        with pytest.raises(Refused, match="setpoints"):
-            action()
-    reading = controller.read_current()
-    assert (reading.is_number, reading.quality) == (False, Quality.INVALID)
-    assert math.isnan(reading.value)
-
-
-def test_configuration(controller: TeTechnologyController, tec: TeTechnology, model: str) -> None:
-    tec.values["power on"] = 1
-    if model == "tc-36-25":
-        tec.values |= {"setpoint source": 2, "control type": 2}
-    controller.configure(4.0, (10.0, 95.0), 5.0)
-    assert tec.values["power on"] == 0
-    if model == "tc-36-25":
-        names = (
-            "EEPROM",
-            "setpoint source",
-            "control type",
-            "shutdown if alarm",
-            "low alarm",
-            "high alarm",
-            "alarm type",
-        )
-        assert [tec.values[name] for name in names] == [0, 0, 1, 1, 1000, 9500, 2]
 
 
 def test_the_eeprom_is_spared(plant: StillPlant, attach: Attach, clock: VirtualClock) -> None:
@@ -177,30 +91,6 @@ def test_a_value_that_is_not_kept_is_refused(plant: StillPlant, attach: Attach, 
     controller = open_controller("te_technology", attach(tec), clock)
     with pytest.raises(Refused, match="2b, and code 44 reads 2"):
         controller.configure(4.0, (10.0, 95.0), 0.0)
-
-
-def test_own_regulation(
-    armed: TeTechnologyController, tec: TeTechnology, plant: StillPlant, clock: VirtualClock
-) -> None:
-    plant.heating_K_per_A_s = 0.2
-    assert armed.status().output_is_on
-    wait(clock, tec, 5.0)
-    assert armed.read_temperature().value == pytest.approx(25.0, abs=0.1)
-    armed.set_setpoint_degC(40.0)
-    wait(clock, tec, 600.0)
-    assert armed.read_temperature().value == pytest.approx(40.0, abs=0.3)
-    for setpoint_degC in (9.9, 95.1, math.nan):
-        with pytest.raises(ValueError, match="outside"):
-            armed.set_setpoint_degC(setpoint_degC)
-
-
-def test_temperature_reading(controller: TeTechnologyController, plant: StillPlant, clock: VirtualClock) -> None:
-    for value_degC in (41.5, -12.3, 0.0):
-        plant.temperature_degC = value_degC
-        reading = controller.read_temperature()
-        assert (reading.value, reading.quality) == (pytest.approx(value_degC), Quality.OK)
-    plant.temperature_degC = math.nan
-    assert controller.read_temperature().quality is Quality.INVALID
 
 
 def test_temperature_that_does_not_agree_with_itself(controller: TeTechnologyController, tec: TeTechnology) -> None:
@@ -265,23 +155,6 @@ def test_alarm_in_the_status(armed: TeTechnologyController, tec: TeTechnology) -
         armed.arm_setpoint()
 
 
-def test_off_is_confirmed(
-    armed: TeTechnologyController, tec: TeTechnology, plant: StillPlant, clock: VirtualClock
-) -> None:
-    armed.set_setpoint_degC(90.0)
-    wait(clock, tec, 1.0)
-    assert plant.current_A > 0.0
-    assert armed.off() is True
-    assert plant.current_A == 0.0
-    with pytest.raises(Refused, match="armed"):
-        armed.set_setpoint_degC(30.0)
-
-
-def test_off_is_not_confirmed_by_power_that_reads_on(armed: TeTechnologyController, tec: TeTechnology) -> None:
-    tec._reads[b"46" if tec._model.per_degC == 100 else b"64"] = lambda: 1
-    assert armed.off() is False
-
-
 def test_off_comes_at_once_even_in_doubt(
     armed: TeTechnologyController, tec: TeTechnology, plant: StillPlant, clock: VirtualClock
 ) -> None:
@@ -309,19 +182,6 @@ def test_off_gets_through_to_an_instrument_that_is_answering(
     assert off_s < begin_s + 0.09
 
 
-def test_a_controller_that_was_switched_off_is_no_longer_armed(
-    plant: StillPlant, attach: Attach, clock: VirtualClock
-) -> None:
-    tec = TeTechnology(plant)
-    controller = open_controller("te_technology", attach(tec), clock)
-    controller.configure(4.0, (10.0, 95.0), 0.0)
-    controller.arm_setpoint()
-    tec.values |= {"power on": 0, "control deadband": 3}
-    controller.link.doubt()
-    with pytest.raises(Refused, match="armed"):
-        controller.set_setpoint_degC(30.0)
-
-
 @pytest.mark.parametrize("options", [{"model": "tc-24-25"}, {"units": "K"}, {"address": 256}, {"nonsense": 1}])
 def test_bad_options(attach: Attach, clock: VirtualClock, plant: StillPlant, options: dict[str, object]) -> None:
     address = attach(TeTechnology(plant))
@@ -334,3 +194,224 @@ def test_a_device_that_needs_a_pause(plant: StillPlant, attach: Attach, clock: V
     controller = open_controller("te_technology", attach(TeTechnology(plant, deaf_s=0.05)), clock, gap_s=0.06)
     assert controller.read_temperature().value == 25.0
     assert controller.off()
+
+
+# ---- frames ------------------------------------------------------------------------------------------
+
+
+def summed(body: bytes, end: bytes) -> bytes:
+    """A frame with its sum, for what no manual prints."""
+    return b"*%b%02x%b" % (body, sum(body) & 0xFF, end)
+
+
+TEMPERATURES_DEGC = {"read input 1, 2.50": 2.5, "read input 1, 10.00": 10.0}
+
+
+def answer(tec: TeTechnology, request: bytes, time_s: float = 0.0) -> bytes:
+    """What comes back within a second."""
+    tec.receive(request, time_s)
+    return tec.transmit(time_s + 0.09)
+
+
+@pytest.mark.parametrize(("name", "request_", "reply"), TE_36_25, ids=[entry[0] for entry in TE_36_25])
+def test_emulator_gives_the_printed_reply(plant: StillPlant, name: str, request_: bytes, reply: bytes) -> None:
+    plant.temperature_degC = TEMPERATURES_DEGC.get(name, 25.0)
+    tec = TeTechnology(plant)
+    tec.alarms = 0b1001
+    assert answer(tec, request_) == reply
+
+
+def test_emulator_gives_the_printed_reply_of_the_other_model(plant: StillPlant) -> None:
+    tec = TeTechnology(plant, model="tc-48-20")
+    _, request, reply = TE_48_20[0]
+    assert answer(tec, request) == reply
+    assert tec.values["setpoint"] == 100
+
+
+@pytest.mark.parametrize(
+    ("request_", "reply"),
+    [
+        (b"*0001c1\r", b"*000000fae7^"),  # the short form
+        (b"*00010000000041^", b"*000000fae7^"),  # ends like a reply, as in the manual's alarm examples
+        (b"*000100000000\x0041\r", b"*XXXXXXXXc0^"),
+        (b"*00010000000042\r", b"*XXXXXXXXc0^"),
+        (b"*0001000000041\r", b"*XXXXXXXXc0^"),
+        (b"*001CFFFFFF6A4F\r", b"*XXXXXXXXc0^"),  # capitals
+        (b"*00430000000047\r", b"*0000000181^"),  # the probe of an independent client
+        (b"noise*00*00010000000041\r", b"*000000fae7^"),
+        (b"*01010000000042\r", b""),  # another address
+        (b"00010000000041\r", b""),
+        (b"\r\r", b""),
+    ],
+)
+def test_emulator_on_other_requests(plant: StillPlant, request_: bytes, reply: bytes) -> None:
+    plant.temperature_degC = 2.5
+    assert answer(TeTechnology(plant), request_) == reply
+
+
+@pytest.mark.parametrize(
+    ("request_", "reply"),
+    [
+        (b"*0161\r", summed(b"0019", b"^")),
+        (b"*0060\r", summed(b"258d", b"^")),
+        (b"*5065\r", summed(b"00fa", b"^")),
+        (b"*0162\r", b"*XXXX60^"),
+    ],
+)
+def test_emulator_of_the_other_model_on_other_requests(plant: StillPlant, request_: bytes, reply: bytes) -> None:
+    plant.temperature_degC = 2.5
+    assert answer(TeTechnology(plant, model="tc-48-20"), request_) == reply
+
+
+def test_addresses(plant: StillPlant) -> None:
+    plant.temperature_degC = 2.5
+    tec = TeTechnology(plant, address=1)
+    assert answer(tec, b"*01010000000042\r") == b"*000000fae7^"
+    assert answer(tec, b"*0101c2\r", 1.0) == b"*000000fae7^"
+    assert answer(tec, b"*011c000003e8b5\r", 2.0) == b"*000003e8c0^"
+    assert answer(tec, b"*00010000000041\r", 3.0) == b"*000000fae7^"
+
+
+@pytest.mark.parametrize("gap_s", [-0.01, 0.01])
+def test_a_command_before_the_reply_is_lost(plant: StillPlant, gap_s: float) -> None:
+    tec = TeTechnology(plant, deaf_s=0.02)
+    tec.receive(b"*00010000000041\r", 0.0)
+    sent_s = tec.next_transmit_s()
+    assert sent_s == pytest.approx(16 / 960 + 0.005 + 12 / 960)
+    tec.receive(b"*00010000000041\r", sent_s + 0.02 + gap_s)
+    assert tec.transmit(1.0).count(b"^") == (1 if gap_s < 0.0 else 2)
+    assert tec.lost_commands == (1 if gap_s < 0.0 else 0)
+
+
+def test_two_commands_in_one_go_are_one(plant: StillPlant) -> None:
+    tec = TeTechnology(plant)
+    tec.receive(b"*00010000000041\r*00060000000046\r", 0.0)
+    assert tec.transmit(1.0).count(b"^") == 1
+
+
+# ---- the driver's link ----------------------------------------------------------------------------
+
+DIALECT = replace(TABLES["tc-36-25"], quiet=None)
+FENCE = [(b"*0025000000084f\r", b"*0000000888^"), (b"*00250000000950\r", b"*0000000989^")]
+
+
+def link(attach: Attach, clock: VirtualClock, transcript: list[tuple[bytes, bytes]]) -> tuple[TeLink, Conversation]:
+    """A link whose next fence has the number 8, and what it is to hear."""
+    conversation = Conversation(transcript)
+    port = open_port(attach(conversation), LineSettings(9600))
+    return TeLink(Transport(port, clock), DIALECT, byte_s=10 / 9600, first_token=7), conversation
+
+
+@pytest.mark.parametrize(("name", "request_", "reply"), TE_36_25, ids=[entry[0] for entry in TE_36_25])
+def test_link_holds_the_printed_conversation(
+    attach: Attach, clock: VirtualClock, name: str, request_: bytes, reply: bytes
+) -> None:
+    te, conversation = link(attach, clock, [FENCE[0], (request_, reply), FENCE[1]])
+    data = int(request_[5:13], 16)
+    value = None if name.startswith(("read", "alarm")) else data - (data >> 31 << 32)
+    expected = int(reply[1:9], 16)
+    assert te.sequence((request_[3:5], value)) == [expected - (expected >> 31 << 32)]
+    conversation.assert_over()
+
+
+def test_link_of_the_other_model(attach: Attach, clock: VirtualClock) -> None:
+    fence = (b"*0060\r", summed(b"258d", b"^"))
+    conversation = Conversation([fence, TE_48_20[0][1:], (b"*0161\r", summed(b"ffe7", b"^")), fence])
+    port = open_port(attach(conversation), LineSettings(115200))
+    te = TeLink(Transport(port, clock), TABLES["tc-48-20"], byte_s=1e-4)
+    assert te.sequence((b"1c", 100), (b"01", None)) == [100, -25]
+    conversation.assert_over()
+
+
+READ = b"*00010000000041\r"
+RIGHT = b"*000000fae7^"
+
+
+@pytest.mark.parametrize(
+    ("reply", "error"),
+    [
+        (b"*000000fbe7^", Corrupt),  # a flipped digit
+        (b"*00000fae7^", Corrupt),  # a lost one
+        (b"*000000FAA7^", Corrupt),  # capitals
+        (b"x" + RIGHT, Corrupt),
+        (b"*0000000888^" + RIGHT, OutOfStep),  # the fence's reply once more: one too many
+        (RIGHT + RIGHT, OutOfStep),
+        (RIGHT[:-1], TimedOut),
+        (b"", TimedOut),
+        (TE_BAD_SUM["tc-48-20"], Corrupt),
+    ],
+)
+def test_what_is_no_reply(attach: Attach, clock: VirtualClock, reply: bytes, error: type[Exception]) -> None:
+    transcript = [FENCE[0], (READ, reply)] + ([FENCE[1]] if error is OutOfStep else [])
+    te, conversation = link(attach, clock, transcript)
+    with pytest.raises(error):
+        te.sequence((b"01", None))
+    assert te.in_doubt
+    conversation.assert_over()
+
+
+def test_a_late_reply_is_found_out_by_the_fence(attach: Attach, clock: VirtualClock) -> None:
+    te, conversation = link(attach, clock, [FENCE[0], (READ, summed(b"000000c8", b"^")), (FENCE[1][0], RIGHT)])
+    with pytest.raises(OutOfStep, match="out of step"):
+        te.sequence((b"01", None))
+    conversation.assert_over()
+
+
+def test_a_request_that_could_not_be_read_is_sent_again(attach: Attach, clock: VirtualClock) -> None:
+    refused = (READ, TE_BAD_SUM["tc-36-25"])
+    te, conversation = link(attach, clock, [FENCE[0], refused, refused, (READ, RIGHT), FENCE[1]])
+    assert te.sequence((b"01", None)) == [250]
+    conversation.assert_over()
+    te, conversation = link(attach, clock, [FENCE[0], refused, refused, refused])
+    with pytest.raises(Corrupt, match="could not read"):
+        te.sequence((b"01", None))
+    conversation.assert_over()
+
+
+def test_a_wrong_acknowledgement_is_out_of_step(attach: Attach, clock: VirtualClock) -> None:
+    te, conversation = link(attach, clock, [FENCE[0], (summed(b"001c000000fa", b"\r"), summed(b"000000c8", b"^"))])
+    with pytest.raises(OutOfStep, match="set to 250, and 200"):
+        te.sequence((b"1c", 250))
+    conversation.assert_over()
+
+
+def test_after_doubt_the_line_has_to_be_silent(attach: Attach, clock: VirtualClock) -> None:
+    late = (FENCE[1][0], RIGHT + FENCE[1][1])  # what was asked before, then what is asked now
+    te, _ = link(attach, clock, [(FENCE[0][0], b""), late, (READ, RIGHT)])
+    te.resynchronise()
+    assert not te.in_doubt
+    assert clock.now_s() > 2 * 0.3
+    with pytest.raises(TimedOut):
+        te.sequence((b"01", None))
+    assert te.in_doubt
+
+
+def test_requests_keep_their_distance(attach: Attach, clock: VirtualClock) -> None:
+    seen: list[float] = []
+
+    class Listener(TeTechnology):
+        def receive(self, data: bytes, time_s: float) -> None:
+            seen.append(time_s)
+            super().receive(data, time_s)
+
+    tec = Listener(StillPlant())
+    port = open_port(attach(tec), LineSettings(9600))
+    te = TeLink(Transport(port, clock), DIALECT, byte_s=10 / 9600, gap_s=0.03)
+    te.sequence((b"01", None), (b"06", None))
+    exchange_s = 28 / 960 + 0.005
+    assert [later - earlier for earlier, later in pairwise(seen)] == pytest.approx([exchange_s + 0.03] * 3)
+
+
+def test_babble_is_not_waited_for_for_ever(attach: Attach, clock: VirtualClock) -> None:
+    class Babble(Conversation):
+        def transmit(self, time_s: float) -> bytes:
+            return b"x"
+
+        def next_transmit_s(self) -> float | None:
+            return None
+
+    port = open_port(attach(Babble([])), LineSettings(9600))
+    te = TeLink(Transport(port, clock), DIALECT, byte_s=10 / 9600)
+    with pytest.raises(OutOfStep, match="silent"):
+        te.resynchronise()
+    assert clock.now_s() < 15.0

@@ -25,7 +25,7 @@ from sim.instruments.registry import emulated_meter
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
-METERS = ("hp34401a", "keithley2000", "keithley2400")
+METERS = ("hp34401a", "keithley2000", "keithley2400", "keithley2450")
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,8 @@
-"""Captured MeCom exchanges, played against the emulator and, as a conversation, against the driver's link."""
+"""The Meerstetter driver: limits, flash, dead man; captured MeCom exchanges, for the emulator and for the link."""
 
 from __future__ import annotations
 
+import math
 from binascii import crc_hqx
 from collections.abc import Callable
 
@@ -9,7 +10,8 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, Refused, TimedOut
-from rig.drivers.meerstetter import MecomLink
+from rig.drivers.meerstetter import MecomLink, MeerstetterController
+from rig.drivers.registry import open_controller
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
@@ -19,6 +21,94 @@ from tests.rig.drivers.still_plant import StillPlant
 from tests.rig.drivers.transcripts import MECOM, OBJECT_TEMPERATURE_DEGC
 
 Attach = Callable[[Instrument], str]
+
+
+@pytest.fixture
+def tec(plant: StillPlant) -> MeerstetterTec:
+    return MeerstetterTec(plant)
+
+
+@pytest.fixture
+def controller(attach: Attach, clock: VirtualClock, tec: MeerstetterTec) -> MeerstetterController:
+    driver = open_controller("meerstetter", attach(tec), clock)
+    assert isinstance(driver, MeerstetterController)
+    return driver
+
+
+@pytest.fixture
+def armed(controller: MeerstetterController) -> MeerstetterController:
+    controller.configure(2.0, (10.0, 95.0), 3.0)
+    controller.arm_current()
+    return controller
+
+
+def test_configure_sets_limits_and_spares_the_flash(
+    controller: MeerstetterController, tec: MeerstetterTec, clock: VirtualClock
+) -> None:
+    controller.configure(2.5, (10.0, 95.0), 3.0)
+    values = tec._values
+    assert (values[2030], values[4010], values[4011], values[2060], values[108]) == (2.5, 10.0, 95.0, 3.0, 1)
+    controller.arm_current()
+    for step in range(50):
+        controller.set_current_A(0.01 * step)
+        clock.sleep_until_s(clock.now_s() + 0.1)
+    assert tec.flash_writes == 0
+
+
+def test_limit_beyond_the_device_is_refused(controller: MeerstetterController) -> None:
+    with pytest.raises(ValueError, match=r"current limit 5 A: this device takes at most 4 A"):
+        controller.configure(5.0, (10.0, 95.0), 0.0)
+
+
+def test_a_device_that_does_not_keep_a_value_is_refused(controller: MeerstetterController, tec: MeerstetterTec) -> None:
+    tec._measured[2030] = lambda: 1.0
+    with pytest.raises(Refused, match=r"2030 was set to 2\.0 and reads 1\.0"):
+        controller.configure(2.0, (10.0, 95.0), 0.0)
+
+
+@pytest.mark.parametrize("dead_man_s", [0.01, math.nan])
+def test_a_dead_man_that_cannot_be_sends_nothing(attach: Attach, clock: VirtualClock, dead_man_s: float) -> None:
+    silent = Conversation([])
+    with pytest.raises(ValueError, match="expected"):
+        open_controller("meerstetter", attach(silent), clock).configure(1.0, (10.0, 95.0), dead_man_s)
+    silent.assert_over()
+
+
+def test_positive_heats_however_it_is_wired(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
+    tec = MeerstetterTec(plant, heating_sign=-1)
+    tec._values[3034] = 0  # as the firmware knows
+    controller = open_controller("meerstetter", attach(tec), clock)
+    controller.configure(2.0, (10.0, 95.0), 0.0)
+    controller.arm_current()
+    controller.set_current_A(1.5)
+    assert plant.current_A == 1.5
+    assert controller.read_current().value == 1.5
+
+
+def test_dead_man(armed: MeerstetterController, plant: StillPlant, clock: VirtualClock) -> None:
+    armed.set_current_A(1.0)
+    clock.sleep_until_s(clock.now_s() + 10.0)
+    assert not armed.status().output_is_on
+    assert plant.current_A == 0.0
+
+
+def test_an_enable_that_reads_on_does_not_matter_after_an_emergency_stop(
+    armed: MeerstetterController, plant: StillPlant, tec: MeerstetterTec
+) -> None:
+    armed.set_current_A(1.0)
+    tec._measured[2010] = lambda: 2
+    assert armed.off() is True
+    assert plant.current_A == 0.0
+    assert armed.status().code == 11
+
+
+def test_a_limit_that_somebody_changed_is_told(controller: MeerstetterController) -> None:
+    controller.configure(3.5, (12.0, 85.0), 4.0)
+    controller.link.write_float(2060, 0.0)
+    assert controller.own_limits().faults(3.5, (12.0, 85.0), 4.0) == ["dead man: reads back 0 s, 4 s is configured"]
+
+
+# ---- captured exchanges ---------------------------------------------------------------------------
 
 
 def answer(tec: MeerstetterTec, request: bytes, time_s: float = 0.0) -> bytes:

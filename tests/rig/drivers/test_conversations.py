@@ -1,0 +1,304 @@
+"""The very bytes that drivers and emulators exchange, as `conversations.txt` has them; and answers that are none."""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.core.clock import VirtualClock
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
+from rig.drivers.scpi_meter import set_filter
+from sim.instruments.instrument import Instrument
+from sim.instruments.registry import METERS, emulated_controller, emulated_meter
+from tests.rig.drivers.conversation import Conversation, scripted
+from tests.rig.drivers.still_plant import StillPlant
+
+Attach = Callable[[Instrument], str]
+Exchange = tuple[bytes, bytes]
+
+
+def read_conversations() -> dict[str, list[Exchange]]:
+    """Return (request, reply) of each exchange, by heading: the driver's name, and what else it is about."""
+    found: dict[str, list[Exchange]] = {}
+    exchanges: list[Exchange] = []
+    request = b""
+    for line in Path(__file__).with_name("conversations.txt").read_text(encoding="utf-8").splitlines():
+        said = codecs.escape_decode(line[2:].encode())[0]  # type: ignore[attr-defined]
+        if line.startswith("== "):
+            exchanges = found[line[3:]] = []
+        elif line.startswith(">"):
+            request = said
+        elif line.startswith("<"):
+            exchanges.append((request, said))
+    return found
+
+
+TALKS = read_conversations()
+
+
+def read_ohms(meter: Any) -> None:
+    meter.configure(True, 1.0, 1e-3)
+    assert meter.read().value == pytest.approx(23456.789, rel=1e-7)
+    assert meter.test_current_A == 1e-5
+    meter.close()
+
+
+def read_and_switch_off(controller: Any) -> None:
+    assert controller.read_temperature().value == 25.0
+    assert controller.off() is True
+
+
+def drive_a_heater(controller: Any) -> None:
+    assert str(controller.identify()) == "TCLab Arduino Uno, serial number , firmware 1.4.0"
+    assert controller.transport.clock.now_s() > 2.0  # not before the board has started
+    controller.configure(1.0, (10.0, 90.0), 5.0)
+    controller.arm_current()
+    controller.set_current_A(0.375)
+    assert controller.read_temperature().value == 24.77
+    assert controller.off() is True
+
+
+ACTIONS: dict[str, Callable[[Any], None]] = {
+    **dict.fromkeys(METERS, read_ohms),
+    "keithley2000 filter": lambda meter: set_filter(meter.link, ":SENS:FRES:AVER", 2),
+    "srs_ldc500": read_and_switch_off,
+    "lakeshore": read_and_switch_off,
+    "tclab": drive_a_heater,
+}
+
+
+def talk(name: str, attach: Attach, clock: VirtualClock, exchanges: list[Exchange]) -> tuple[Any, Conversation]:
+    driver = name.partition(" ")[0]
+    return scripted(driver, attach, clock, exchanges, first_token=4 if driver == "lakeshore" else 7)
+
+
+@pytest.mark.parametrize("name", TALKS)
+def test_the_driver_holds_it(attach: Attach, clock: VirtualClock, name: str) -> None:
+    instrument, conversation = talk(name, attach, clock, TALKS[name])
+    ACTIONS[name](instrument)
+    conversation.assert_over()
+
+
+@pytest.mark.parametrize("name", TALKS)
+def test_the_emulator_holds_it(plant: StillPlant, name: str) -> None:
+    plant.resistance_ohm = 23456.789
+    driver = name.partition(" ")[0]
+    emulator = emulated_meter(driver, plant) if driver in METERS else emulated_controller(driver, plant)
+    for index, (request, reply) in enumerate(TALKS[name]):
+        emulator.receive(request, float(index))
+        assert emulator.transmit(index + 0.9) == reply
+
+
+# ---- answers that are none ------------------------------------------------------------------------
+
+ASKED = {"srs_ldc500": b"TTRD?", "lakeshore": b"CRDG?", "tclab": b"T1", "hp34401a": b"INIT"}  # others: READ?
+WRONG: dict[str, list[tuple[bytes, type[InstrumentError]]]] = {
+    "keithley2000": [
+        (b"+2.34567890E+04;+2.34567890E+04;11\n", OutOfStep),  # the reading before, once more
+        (b"+2.34567890E+04;+2.34567890E+04;0\n", OutOfStep),  # restarted in between
+        (b"+2.34567890E+04;+2.34567891E+04;12\n", Corrupt),  # a flipped digit
+        (b"+2.3456789E+04;+2.34567890E+04;12\n", Corrupt),  # a lost one
+        (b"+2.34567890E+04;12\n", Corrupt),
+        (b"2.34567890E+04;2.34567890E+04;12\n", Corrupt),
+        (b"+2.3\xff567890E+04;+2.3\xff567890E+04;12\n", Corrupt),
+        (b"+2.34567890E+04\n", Corrupt),
+        (b"KEITHLEY INSTRUMENTS INC.,MODEL 2000,0812345,A20  /A02\n", Corrupt),
+        (b"\n", Corrupt),
+        (b"+2.34567890E+04;+2.34567890E+04;12", TimedOut),  # no terminator
+        (b"", TimedOut),
+    ],
+    "hp34401a": [
+        (b"+2.34567890E+04;+2.34567890E+04;+11\r\n", Corrupt),  # the reading before: a token with a sign
+        (b"+2.34567890E+04;+2.34567890E+04;11\r\n", OutOfStep),
+        (b"+2.34567890E+04;+2.34567891E+04;+12\r\n", Corrupt),
+        (b"+2.34567890E+04;+2.34567890E+04;+12\r", TimedOut),
+    ],
+    "keithley2400": [
+        (b"+1.000000E-04,+2.345679E+04;+1.000000E-04,+2.345679E+04;15\n", OutOfStep),  # another current
+        (b"+1.000000E-05,+2.345679E+04;+1.000000E-05,+2.345678E+04;15\n", Corrupt),
+        (b"+2.345679E+04;+2.345679E+04;15\n", Corrupt),
+        (b"+1.000000E-05,2.345679E+04;+1.000000E-05,2.345679E+04;15\n", Corrupt),
+        (b"+1.000000E-05,+2.345679E+04;+1.000000E-05,+2.345679E+04;14\n", OutOfStep),
+    ],
+    "keithley2450": [
+        (b"1.0000000E-04, 2.3456789E+04;1.0000000E-04, 2.3456789E+04;14\n", OutOfStep),  # another current
+        (b"1.0000000E-05, 2.3456789E+04;1.0000000E-05, 2.3456788E+04;14\n", Corrupt),
+        (b"2.3456789E+04;2.3456789E+04;14\n", Corrupt),
+        (b"1.0000000E-05, 2.3456789E+04;1.0000000E-05, 2.3456789E+04;13\n", OutOfStep),
+    ],
+    "lakeshore": [
+        (b"+025.000;000;021;+025.000;000;020;001\r\n", OutOfStep),  # what another line has left
+        (b"+025.000;000;021;+025.000;000;021;004\r\n", OutOfStep),  # another line's own
+        (b"+025.000;000;021;+025.000;000;000;001\r\n", OutOfStep),  # it has restarted
+        (b"+025.000;000;021;021;001\r\n", Corrupt),
+        (b"+025.000\r\n", OutOfStep),
+    ],
+    "srs_ldc500": [
+        (b"25.648\r\n8\r\n25.648\r\n8\r\n", OutOfStep),  # the answer before, once more
+        (b"25.648\r\n0\r\n25.648\r\n0\r\n", OutOfStep),  # restarted in between
+        (b"25.648\r\n9\r\n25.648\r\nx\r\n", Corrupt),
+        (b"25.6\r\n25.648\r\n9\r\n25.648\r\n9\r\n", InstrumentError),
+    ],
+    "tclab": [
+        (b"24.77\r\n24.77\r\n24.77\r\n0.14\r\n", OutOfStep),  # the fence of before
+        (b"24.77\r\n24.77\r\n24.77\r\n24.77\r\n0.15\r\n", OutOfStep),
+        (b"24.77\r\n24.77\r\n24.77\r\n0.15\r\n24.77\r\n", OutOfStep),
+        (b"24.77\r\n2477\r\n24.77\r\n0.15\r\n", Corrupt),
+        (b"24.77\r\nSTOP\r\n24.77\r\n0.15\r\n", Corrupt),
+        (b"24.77\r\nnan\r\n24.77\r\n0.15\r\n", Corrupt),
+    ],
+}
+
+
+def before_the_reading(driver: str) -> tuple[list[Exchange], bytes]:
+    """Return the exchanges before the reading, and the request for it."""
+    asked = ASKED.get(driver, b":READ?")
+    index = next(k for k, (request, _) in enumerate(TALKS[driver]) if request.startswith(asked))
+    return TALKS[driver][:index], TALKS[driver][index][0]
+
+
+@pytest.mark.parametrize(
+    ("driver", "reply", "error"), [(driver, *wrong) for driver, wrongs in WRONG.items() for wrong in wrongs]
+)
+def test_a_wrong_answer_is_no_reading(
+    attach: Attach, clock: VirtualClock, driver: str, reply: bytes, error: type[InstrumentError]
+) -> None:
+    """It would be recorded, and controlled by."""
+    before, request = before_the_reading(driver)
+    instrument, conversation = talk(driver, attach, clock, [*before, (request, reply)])
+    with pytest.raises(error):
+        ACTIONS[driver](instrument)
+    conversation.assert_over()
+    assert instrument.link.in_doubt
+
+
+@pytest.mark.parametrize("reply", [b"25.648\r\n25.648\r\n9\r\n", b"25.648\r\n9\r\n25.648\r\n9", b""])
+def test_srs_asks_why_an_answer_is_missing(attach: Attach, clock: VirtualClock, reply: bytes) -> None:
+    before, request = before_the_reading("srs_ldc500")
+    why = [(b"\n*ESE 11;*ESE?\n", b"11\r\n"), (b"LEXE?;LCME?;*ESE?;*ESE 12\n", b"0\r\n0\r\n11\r\n")]
+    controller, conversation = talk("srs_ldc500", attach, clock, [*before, (request, reply), *why])
+    with pytest.raises(TimedOut):
+        controller.read_temperature()
+    conversation.assert_over()
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        b"25.648\n9\n25.648\n9\n",
+        b"25.648\n\r9\n\r25.648\n\r9\n\r",
+        b"25.648;9;25.648;9\r\n",
+        b"\r\n25.648\r\n9\r\n25.648\r\n9\r\n",
+    ],
+)
+def test_srs_may_end_and_join_its_answers_as_it_likes(attach: Attach, clock: VirtualClock, reply: bytes) -> None:
+    before, request = before_the_reading("srs_ldc500")
+    again = (request.replace(b"10", b"11"), reply.replace(b"9", b"10"))
+    controller, conversation = talk("srs_ldc500", attach, clock, [*before, (request, reply), again])
+    assert [controller.read_temperature().value for _ in range(2)] == [25.648, 25.648]
+    conversation.assert_over()
+
+
+SRS_LINE = b"TTRD?;*ESE?;TTRD?;*ESE?;*ESE %d\n"
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (b"25.648\r\n%d\r\n25.649\r\n%d\r\n", "not twice"),
+        (b"18.9256\r\n18.9256\r\n%d\r\n%d\r\n", "about a token"),  # an old answer before a lone token
+    ],
+)
+def test_two_copies_that_differ_are_asked_for_again(
+    attach: Attach, clock: VirtualClock, answer: bytes, why: str
+) -> None:
+    before, _ = before_the_reading("srs_ldc500")
+    differ = [(SRS_LINE % (10 + k), answer % (9 + k, 9 + k)) for k in range(3)]
+    good = (SRS_LINE % 12, b"25.65\r\n11\r\n25.65\r\n11\r\n")
+    controller, conversation = talk("srs_ldc500", attach, clock, [*before, *differ[:2], good])
+    assert controller.read_temperature().value == 25.65
+    conversation.assert_over()
+    controller, conversation = talk("srs_ldc500", attach, clock, [*before, *differ])
+    with pytest.raises(Corrupt, match=why):
+        controller.read_temperature()
+    conversation.assert_over()
+
+
+@pytest.mark.parametrize("one", [b"94.77", b"4.77", b"26.09"])
+@pytest.mark.parametrize("place", range(3))
+def test_one_wrong_conversion_of_three_is_never_the_reading(
+    attach: Attach, clock: VirtualClock, one: bytes, place: int
+) -> None:
+    three = [b"24.77", b"24.45", b"24.77"]
+    good = (b"T1\nT1\nT1\nP2 0.10\n", b"\r\n".join((*three, b"0.10\r\n")))
+    three[place] = one
+    hurt = (b"T1\nT1\nT1\nP2 0.09\n", b"\r\n".join((*three, b"0.09\r\n")))
+    controller, conversation = talk("tclab", attach, clock, [TALKS["tclab"][0], hurt, good])
+    assert controller.read_temperature().value == 24.77
+    conversation.assert_over()
+
+
+@pytest.mark.parametrize("text", [b"TCLab Firmware Version 1.1.0", b"TClab Firmware 0.03", b"Stop", b"24.77"])
+def test_who_is_no_board_of_ours(attach: Attach, clock: VirtualClock, text: bytes) -> None:
+    controller, _ = talk("tclab", attach, clock, [TALKS["tclab"][0], (b"VER\nP2 0.09\n", text + b"\r\n0.09\r\n")])
+    with pytest.raises(Refused, match=r"too old|is no TCLab"):
+        controller.identify()
+
+
+# ---- SCPI: identity, refusals, silence ------------------------------------------------------------
+
+IN_STEP = TALKS["keithley2000"][:2]
+
+
+def test_an_identity_is_asked_for_alone(attach: Attach, clock: VirtualClock) -> None:
+    again = [(b"\x18\r*ESE 10;*ESE?\r", b"10\n"), (b":SYST:ERR?;*ESE?;*ESE 11\r", b'0,"No error";10\n')]
+    name = (b"*IDN?\r", b"KEITHLEY INSTRUMENTS INC.,MODEL 2000,0812345,A20  /A02\r\n")
+    meter, conversation = talk("keithley2000", attach, clock, [*IN_STEP, name, *again])
+    identity = meter.identify()
+    assert (identity.model, identity.serial_number, identity.firmware) == ("2000", "0812345", "A20  /A02")
+    conversation.assert_over()
+
+
+def test_half_a_configuration_is_none(attach: Attach, clock: VirtualClock) -> None:
+    refused = (TALKS["keithley2000"][2][0], b'-113,"Undefined header";9\n')
+    meter, conversation = talk("keithley2000", attach, clock, [*IN_STEP, refused])
+    with pytest.raises(Refused, match="Undefined header") as error:
+        meter.configure(True, 1.0, 1e-3)
+    assert error.value.code == -113
+    conversation.assert_over()
+    with pytest.raises(Refused, match="not configured"):
+        meter.start_reading()
+
+
+def test_silence_is_explained_by_the_error_queue(attach: Attach, clock: VirtualClock) -> None:
+    explained = [
+        (b":NONSENSE?;*ESE?;*ESE 10\r", b""),
+        (b"\x18\r*ESE 11;*ESE?\r", b"11\n"),
+        (b":SYST:ERR?;*ESE?;*ESE 12\r", b'-113,"Undefined header";11\n'),
+        (b":SYST:ERR?;*ESE?;*ESE 13\r", b"0,No error;12\n"),
+    ]
+    meter, conversation = talk("keithley2000", attach, clock, IN_STEP + explained)
+    with pytest.raises(Refused, match="Undefined header: :NONSENSE"):
+        meter.link.ask(":NONSENSE?")
+    conversation.assert_over()
+
+
+def test_after_silence_the_line_is_brought_in_step_first(attach: Attach, clock: VirtualClock) -> None:
+    *configured, settings, reading = TALKS["keithley2000"]
+    after = [
+        (reading[0], b""),
+        (b"\x18\r*ESE 14;*ESE?\r", b"+2.34567890E+04;+2.34567890E+04;12\n14\n"),  # late, then in step
+        (b":SYST:ERR?;*ESE?;*ESE 15\r", b'0,"No error";14\n'),
+        (settings[0].replace(b"12", b"16"), settings[1].replace(b";11\n", b";15\n")),
+        (b":READ?;:FETC?;*ESE?;*ESE 17\r", b"+5.00000000E+04;+5.00000000E+04;16\n"),
+    ]
+    meter, conversation = talk("keithley2000", attach, clock, [*configured, settings, *after])
+    meter.configure(True, 1.0, 1e-3)
+    with pytest.raises(TimedOut):
+        meter.read()
+    assert meter.read().value == 5e4
+    conversation.assert_over()
