@@ -273,16 +273,22 @@ def confirmed_off(
 
 def wait_until_on(clock: Clock, status: Callable[[], Status]) -> None:
     """Wait until a controller reports that its output is on; Refused if it does not, or is in error."""
+    found = wait_for_status(clock, status, lambda now: now.is_error or now.output_is_on)
+    if found.is_error or not found.output_is_on:
+        remedy = f" ({found.remedy})" if found.remedy else ""
+        raise Refused(found.code or None, f"the output does not come on: {found.text}{remedy}")
+
+
+def wait_for_status(clock: Clock, status: Callable[[], Status], is_it: Callable[[Status], bool]) -> Status:
+    """Return the first status that is the one awaited, or the last one that came within `STARTED_S`."""
     found: list[Status] = []
 
-    def runs_or_never_will() -> bool:
+    def came() -> bool:
         found[:] = [status()]
-        return found[0].is_error or found[0].output_is_on
+        return is_it(found[0])
 
-    wait_until(clock, runs_or_never_will, STARTED_S)
-    if found[0].is_error or not found[0].output_is_on:
-        remedy = f" ({found[0].remedy})" if found[0].remedy else ""
-        raise Refused(found[0].code or None, f"the output does not come on: {found[0].text}{remedy}")
+    wait_until(clock, came, STARTED_S)
+    return found[0]
 
 
 def wait_until(clock: Clock, true: Callable[[], bool], longest_s: float) -> bool:

@@ -46,6 +46,7 @@ from rig.drivers.controller import (
     TemperatureController,
     check_gains,
     confirmed_off,
+    wait_until_on,
 )
 from rig.drivers.identity import Identity, retry_once
 from rig.drivers.scpi import ScpiLink
@@ -331,9 +332,7 @@ class LakeShoreController(TemperatureController):
 
     def _enable(self, commands: str) -> None:
         self._set("RANGE", str(self._range))
-        status = self.status()
-        if status.is_error or not status.output_is_on:
-            raise Refused(status.code or None, f"the output does not come on: {status.text}")
+        wait_until_on(self.transport.clock, self.status)
         self._armed = commands
 
     def _require(self, commands: str) -> None:

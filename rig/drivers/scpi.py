@@ -17,24 +17,23 @@ Residual: another message's whole answer passes if its token is the right one, 1
 
 from __future__ import annotations
 
-import random
 import re
 from collections.abc import Callable
 from typing import ClassVar
 
-from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
+from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
+from rig.drivers.in_step import RESYNCHRONISATIONS, SteppedLink
 from rig.ports.transport import Transport
 
 TRIALS = 3  # one answer may be hurt, and its repetition by the same disturbance
-RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three the line is dead
 LONGEST_ANSWER = 100  # characters, for the time that they take
 LOOK_S = 0.005  # to look for an answer whose time has passed while nobody asked: it may have come long ago
 TOKEN = re.compile(rb"\s*\+?0*(\d{1,3})\s*")
 ERROR = re.compile(r'(?:.*;)?\s*([+-]?\d+)\s*,\s*(?:"([^"]*)"|([^";]*))\s*')  # some write semicolons into the text
 
 
-class ScpiLink:
-    """One instrument. byte_s: of a character on the line, s. in_doubt: the next question brings the line in step first.
+class ScpiLink(SteppedLink):
+    """One instrument; see `SteppedLink`.
 
     after_resynchronisation: called when the line is in step again, so that the driver checks what the instrument still
     remembers. TERMINATOR: of its answers; END: of our messages; ABORT: the character that makes it drop its work;
@@ -48,6 +47,7 @@ class ScpiLink:
     CLEAR_S: ClassVar[float] = 0.0
     WAKE: bytes = b""
     ANSWER_S: ClassVar[float] = 0.5
+    LARGEST_TOKEN = 255
 
     def __init__(
         self,
@@ -57,20 +57,13 @@ class ScpiLink:
         first_token: int | None = None,
         after_resynchronisation: Callable[[], None] | None = None,
     ) -> None:
-        self.transport = transport
-        self._byte_s, self._answer_s = byte_s, self.ANSWER_S + LONGEST_ANSWER * byte_s
-        self._token = random.randrange(1, 256) if first_token is None else first_token
+        super().__init__(transport, byte_s=byte_s, first_token=first_token)
+        self._answer_s = self.ANSWER_S + LONGEST_ANSWER * byte_s
         self._expected = b""
-        self.in_doubt = True
         self._pending = False
         self._deadline_s = 0.0
         self._after_resynchronisation = after_resynchronisation
-        self.arrived_s = 0.0
         self.errors: list[tuple[int, str]] = []
-
-    def doubt(self) -> None:
-        """Resynchronise before the next question, because something was wrong with an answer."""
-        self.in_doubt = True
 
     def forget(self) -> None:
         """Give up on the answer that is under way; the next question brings the line in step."""
@@ -197,29 +190,15 @@ class ScpiLink:
 
     def resynchronise(self, trials: int = RESYNCHRONISATIONS) -> None:
         """Abort, discard, and wait for a fresh token; then empty the error queue into `errors`. OutOfStep."""
+        self._pending = False
         try:
-            self._resynchronise(trials)
+            self._bring_in_step(trials)
+            self._empty_error_queue()
+            if self._after_resynchronisation is not None:
+                self._after_resynchronisation()
         except BaseException:
             self.in_doubt = True  # perhaps in step, but the settings of the instrument are not known
             raise
-
-    def _resynchronise(self, trials: int) -> None:
-        self._pending = False
-        self.in_doubt = True
-        problem: InstrumentError | None = None
-        for attempt in range(trials):
-            try:
-                if attempt and attempt == trials - 1:
-                    self.transport.reopen()
-                self._await_token(attempt)
-                break
-            except InstrumentError as error:
-                problem = error
-        else:
-            raise problem or OutOfStep("the line cannot be brought in step")
-        self._empty_error_queue()
-        if self._after_resynchronisation is not None:
-            self._after_resynchronisation()
 
     def _empty_error_queue(self) -> None:
         self.errors = []
@@ -230,7 +209,7 @@ class ScpiLink:
                 break
             self.errors.append((code, text))
 
-    def _await_token(self, attempt: int) -> None:
+    def _prove(self, attempt: int) -> None:
         token = self._token = self._next_token()
         transport = self.transport
         transport.drain()

@@ -35,7 +35,6 @@ from rig.drivers.controller import (
     CURRENTS,
     OFF_S,
     SETPOINTS,
-    STARTED_S,
     STATUS_S,
     OwnField,
     OwnLimits,
@@ -43,7 +42,7 @@ from rig.drivers.controller import (
     TemperatureController,
     check_gains,
     confirmed_off,
-    wait_until,
+    wait_until_on,
 )
 from rig.drivers.identity import Identity, retry_once
 from rig.drivers.scpi import ScpiLink
@@ -126,9 +125,9 @@ class SrsLink(ScpiLink):
     def _has_unasked(self) -> bool:
         return self.transport.has_more and bool(self.transport.drain().strip())
 
-    def _await_token(self, attempt: int) -> None:
+    def _prove(self, attempt: int) -> None:
         self.WAKE = b"TERM 3" if attempt else b""
-        super()._await_token(attempt)
+        super()._prove(attempt)
 
 
 class SrsLdc500Controller(TemperatureController):
@@ -301,16 +300,7 @@ class SrsLdc500Controller(TemperatureController):
 
     def _enable(self, commands: str) -> None:
         self._set("TEON", 1)
-        found: list[Status] = []
-
-        def runs() -> bool:
-            found[:] = [self.status()]
-            return found[0].output_is_on
-
-        wait_until(self.transport.clock, runs, STARTED_S)
-        status = found[0]
-        if not status.output_is_on:
-            raise Refused(status.code or None, f"the output does not come on: {status.text}")
+        wait_until_on(self.transport.clock, self.status)
         self._armed = commands
 
     def _require_step(self, commands: str) -> None:

@@ -28,23 +28,21 @@ exchange, and a board that has restarted ends the run anyway.
 
 from __future__ import annotations
 
-import random
 import re
 from math import nan
 from typing import ClassVar
 
-from rig.core.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, Refused
+from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.controller import DRIVES, OF_FULL_DRIVE, OFF_S, Status, TemperatureController, confirmed_off
 from rig.drivers.identity import Identity, retry_once
+from rig.drivers.in_step import RESYNCHRONISATIONS, SteppedLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
 END = b"\n"
 REPLY_END = b"\r\n"
 LONGEST_GROUP = 60  # bytes; the Arduino holds 64 that it has not read yet
-LARGEST_TOKEN = 10000  # hundredths
-RESYNCHRONISATIONS = 3
 LONGEST_REPLY = 40  # characters
 STALE_LINES = 64  # that may come before a fence, when the line is in doubt
 TRIALS = 3  # one answer may be hurt, and its repetition by the same disturbance
@@ -57,11 +55,14 @@ LONGEST_BOOT_S = 10.0  # an Arduino needs two seconds; `peltier off` waits for i
 FIRMWARE_PWM = 200  # its default for heater 1
 
 
-class TcLabLink:
-    """The line of one board. fence: the command whose number fences. byte_s: of a character on the line, s.
+class TcLabLink(SteppedLink):
+    """The line of one board; see `SteppedLink`. fence: the command whose number fences.
 
     answer_s: until a group's last reply, beyond the time on the wire.
     """
+
+    LARGEST_TOKEN = 10000  # hundredths
+    REOPENS = False  # that restarts some boards
 
     def __init__(
         self,
@@ -73,18 +74,10 @@ class TcLabLink:
         answer_s: float = 0.25,
         first_token: int | None = None,
     ) -> None:
-        self.transport = transport
-        self._fence = fence
-        self._byte_s, self._answer_s = byte_s, answer_s
-        self._token = random.randrange(1, LARGEST_TOKEN + 1) if first_token is None else first_token
+        super().__init__(transport, byte_s=byte_s, first_token=first_token)
+        self._fence, self._answer_s = fence, answer_s
         self.listens_s = transport.clock.now_s() + boot_s  # the past, once it has answered
-        self.in_doubt = True
         self.sent_s = 0.0  # when the last group was sent
-        self.resynchronised = 0
-
-    def doubt(self) -> None:
-        """Resynchronise first, because something was wrong with a reply."""
-        self.in_doubt = True
 
     def ask(self, *commands: str) -> list[str]:
         """Return the replies to some commands, proven by a fence. TimedOut, Corrupt, OutOfStep, Disconnected."""
@@ -121,22 +114,10 @@ class TcLabLink:
         self.in_doubt = True
         if boots:
             self.transport.clock.sleep_until_s(self.listens_s)
-        problem: InstrumentError | None = None
-        for _ in range(trials):
-            try:
-                if isinstance(problem, Disconnected):
-                    self.transport.reopen()
-                self._await_fence()
-            except InstrumentError as error:
-                problem = error
-            else:
-                self.in_doubt = False
-                self.listens_s = self.transport.clock.now_s()
-                self.resynchronised += 1
-                return
-        raise problem or OutOfStep("the line cannot be brought in step")
+        self._bring_in_step(trials)
+        self.listens_s = self.transport.clock.now_s()
 
-    def _await_fence(self) -> None:
+    def _prove(self, attempt: int) -> None:
         transport = self.transport
         transport.drain()
         expected = self._next_token()
@@ -152,7 +133,7 @@ class TcLabLink:
         return self.transport.receive_line(REPLY_END, deadline_s).decode("latin-1")
 
     def _next_token(self) -> str:
-        self._token = self._token % LARGEST_TOKEN + 1
+        self._token = self._token % self.LARGEST_TOKEN + 1
         return f"{self._token / 100.0:.2f}"
 
 

@@ -39,19 +39,17 @@ At 9600 Bd an exchange takes 45 ms, a temperature three of them, a setpoint thre
 
 from __future__ import annotations
 
-import random
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import nan
 from typing import Any, ClassVar
 
-from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
+from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
 from rig.core.reading import Quality, Reading
 from rig.drivers.controller import (
     OFF_S,
     SETPOINTS,
-    STARTED_S,
     STATUS_S,
     OwnField,
     OwnLimits,
@@ -59,16 +57,15 @@ from rig.drivers.controller import (
     TemperatureController,
     check_gains,
     confirmed_off,
-    wait_until,
+    wait_for_status,
     wait_until_on,
 )
 from rig.drivers.identity import Identity, retry_once
+from rig.drivers.in_step import RESYNCHRONISATIONS, SteppedLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
-RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three the line is dead
 REQUESTS = 3  # trials of a request that the instrument could not read
-LARGEST_TOKEN = 9999
 SHOUTS, SHOUT_S = 4, 0.015  # how often, and how far apart at least
 DIGITS = frozenset(b"0123456789abcdef")
 LONGEST_PAUSE_S = 60.0  # of silence on a line; the slowest of these controllers needs 2.5 s
@@ -160,12 +157,14 @@ def model_of(name: object) -> Model:
     return MODELS[name]
 
 
-class TeLink:
-    """The line of one controller.
+class TeLink(SteppedLink):
+    """The line of one controller; see `SteppedLink`.
 
-    byte_s: of a character on the line, s. gap_s: from the last byte of a reply to the next request. drain_s: of silence
+    gap_s: from the last byte of a reply to the next request. drain_s: of silence
     that brings a line in doubt to rest. answer_s: until a reply begins, beyond the time on the wire.
     """
+
+    LARGEST_TOKEN = 9999
 
     def __init__(
         self,
@@ -179,22 +178,13 @@ class TeLink:
         answer_s: float = 0.25,
         first_token: int | None = None,
     ) -> None:
-        self.transport = transport
+        super().__init__(transport, byte_s=byte_s, first_token=first_token)
         self._model = model
         self._address = b"%02x" % address if model.has_address else b""
         self._gap_s, self._drain_s = gap_s, drain_s
-        self._byte_s = byte_s
         self._patience_s = answer_s + (2 * model.digits + 12) * byte_s
-        self._token = random.randrange(1, LARGEST_TOKEN + 1) if first_token is None else first_token
-        self.in_doubt = True
         self._quiet_s = 0.0  # when the last byte came or went
-        self.arrived_s = 0.0  # when the last request had arrived
         self.arrivals_s: list[float] = []  # of the requests of the last sequence, without its fence
-        self.resynchronised = 0
-
-    def doubt(self) -> None:
-        """Resynchronise first, because something was wrong with a reply."""
-        self.in_doubt = True
 
     def sequence(self, *requests: Request, trials: int = RESYNCHRONISATIONS) -> list[int]:
         """Return the replies to some requests, proven by a fence behind them.
@@ -246,23 +236,13 @@ class TeLink:
 
     def resynchronise(self, trials: int = RESYNCHRONISATIONS) -> None:
         """Listen until the line is silent, then send fences until one comes back."""
-        self.in_doubt = True
-        problem: InstrumentError | None = None
-        for attempt in range(trials):
-            try:
-                if attempt and attempt == trials - 1:
-                    self.transport.reopen()
-                self._await_silence()
-                if self._model.quiet is not None:
-                    self._ask(*self._model.quiet)
-                self._await_fence()
-            except InstrumentError as error:
-                problem = error
-            else:
-                self.in_doubt = False
-                self.resynchronised += 1
-                return
-        raise problem or OutOfStep("the line cannot be brought in step")
+        self._bring_in_step(trials)
+
+    def _prove(self, attempt: int) -> None:
+        self._await_silence()
+        if self._model.quiet is not None:
+            self._ask(*self._model.quiet)
+        self._await_fence()
 
     def _await_silence(self) -> None:
         transport = self.transport
@@ -292,7 +272,7 @@ class TeLink:
         model = self._model
         if not model.fence_write:
             return model.fence_value, self._ask(model.fence_read, None)
-        self._token = self._token % LARGEST_TOKEN + 1
+        self._token = self._token % self.LARGEST_TOKEN + 1
         return self._token, self._ask(model.fence_write, self._token)
 
     def _ask(self, code: bytes, value: int | None) -> int:
@@ -546,14 +526,9 @@ class TeTechnologyController(TemperatureController):
         if not self._model.reset_latches:
             super().clear_error()
         self._exchange((self._model.reset_latches, 1))
-        found: list[Status] = []
-
-        def is_clear() -> bool:
-            found[:] = [self.status()]
-            return not found[0].is_error
-
-        if not wait_until(self.transport.clock, is_clear, STARTED_S):
-            raise Refused(found[0].code, f"resetting the latches did not clear it: {found[0].meaning}")
+        status = wait_for_status(self.transport.clock, self.status, lambda status: not status.is_error)
+        if status.is_error:
+            raise Refused(status.code, f"resetting the latches did not clear it: {status.meaning}")
 
     def off(self) -> bool:
         """Switch power off, again and again; return True if it reads back off twice (46). Never raises.

@@ -211,7 +211,6 @@ class Hp34401A(Multimeter):
     # ---- settings -------------------------------------------------------------------------------
 
     def default_settings(self) -> dict[str, float | str]:
-        """See `Meter.default_settings`; NPLC is 10."""
         settings = super().default_settings() | {"AZER": 1}
         for function in self.FUNCTIONS:
             values = {"RANG:AUTO": 1, "RANG": 1000.0, "APER": 0.1}
@@ -219,11 +218,9 @@ class Hp34401A(Multimeter):
         return settings | {f"{function}:NPLC": 10.0 for function in INTEGRATING}
 
     def reset(self) -> None:
-        """See `Meter.reset`; remote mode stays."""
         self.stored = None
         super().reset()
 
     def configure(self, function: str) -> None:
-        """See `Multimeter.configure`; kept readings are discarded."""
         self.stored = None
         super().configure(function)

@@ -40,6 +40,12 @@ RANGES = (  # manual, table of resistance ranges
 )
 OVERFLOW_TEXT, NAN_TEXT = "+9.900000E+37", "+9.910000E+37"
 ELEMENTS = {"VOLT": "VOLTAGE", "CURR": "CURRENT", "RES": "RESISTANCE", "TIME": "TIME", "STAT": "STATUS"}
+OF_EACH_LAYER = (  # of the trigger model
+    Setting(":SOURce", "SOUR", "IMM"),
+    Setting(":OUTPut", "OUTP", "NONE"),
+    Setting(":ILINe", "ILIN", 1, "%d", 1, 4),
+    Setting(":OLINe", "OLIN", 2, "%d", 1, 4),
+)
 OUTPUT_IS_OFF = (803, "Not permitted with OUTPUT off")
 STALE = (-230, "Data corrupt or stale")
 OVERFLOWED, IN_COMPLIANCE, OUTPUT_ON = 1, 8, 4096  # bits of a reading's status word
@@ -75,7 +81,6 @@ class SourceMeter(Meter):
         return super().default_settings() | {"SOUR:FUNC": "VOLT", "SOUR:CURR": 0.0, "SOUR:VOLT": 0.0}
 
     def reset(self) -> None:
-        """See `Meter.reset`: output off."""
         super().reset()
         self._last = ""
         self.output_is_on = False
@@ -118,34 +123,34 @@ class Keithley2400(SourceMeter):
         *REGISTERS,
         Setting(":TRIGger[:SEQuence#]:COUNt", "TRIG:COUN", 1, "%d", 1, 2500),
         Setting(":TRIGger[:SEQuence#]:DELay", "TRIG:DEL", 0.0, "%.4f", 0.0, 999.9999),
-        Setting(":TRIGger[:SEQuence#]:SOURce", "TRIG:SOUR", "IMM"),
-        Setting(":TRIGger[:SEQuence#]:OUTPut", "TRIG:OUTP", "NONE"),
-        Setting(":TRIGger[:SEQuence#]:ILINe", "TRIG:ILIN", 1, "%d", 1, 4),
-        Setting(":TRIGger[:SEQuence#]:OLINe", "TRIG:OLIN", 2, "%d", 1, 4),
         Setting(":ARM[:SEQuence#][:LAYer#]:COUNt", "ARM:COUN", 1, "%d", 1, 2500),
         Setting(":ARM[:SEQuence#][:LAYer#]:TIMer", "ARM:TIM", 0.1, "%.3f", 0.001, 99999.99),
-        Setting(":ARM[:SEQuence#][:LAYer#]:SOURce", "ARM:SOUR", "IMM"),
-        Setting(":ARM[:SEQuence#][:LAYer#]:OUTPut", "ARM:OUTP", "NONE"),
-        Setting(":ARM[:SEQuence#][:LAYer#]:ILINe", "ARM:ILIN", 1, "%d", 1, 4),
-        Setting(":ARM[:SEQuence#][:LAYer#]:OLINe", "ARM:OLIN", 2, "%d", 1, 4),
+        *(
+            one.of(layer, header)
+            for layer, header in (("TRIG", ":TRIGger[:SEQuence#]"), ("ARM", ":ARM[:SEQuence#][:LAYer#]"))
+            for one in OF_EACH_LAYER
+        ),
         Setting("[:SENSe#]:AVERage:COUNt", "AVER:COUN", 10, "%d", 1, 100),
         Setting("[:SENSe#]:AVERage:TCONtrol", "AVER:TCON", "REP"),
         Setting("[:SENSe#]:AVERage[:STATe]", "AVER", 0, ON_OFF),
         Setting("[:SENSe#]:FUNCtion:CONCurrent", "CONC", 1, ON_OFF),
-        Setting("[:SENSe#]:CURRent[:DC]:RANGe[:UPPer]", "CURR:RANG", 1.05e-4, "%+.6E", -1.05, 1.05),
+        *(
+            Setting(header, name, usual, "%+.6E", -largest, largest)
+            for word, usual, largest in (("CURRent", 1.05e-4, 1.05), ("VOLTage", 21.0, 210.0))
+            for header, name in (
+                (f"[:SENSe#]:{word}[:DC]:RANGe[:UPPer]", f"{word[:4]}:RANG"),
+                (f"[:SENSe#]:{word}[:DC]:PROTection[:LEVel]", f"{word[:4]}:PROT"),
+                (f":SOURce#:{word}:RANGe", f"SOUR:{word[:4]}:RANG"),
+            )
+        ),
         Setting("[:SENSe#]:CURRent[:DC]:RANGe:AUTO", "CURR:RANG:AUTO", 1, ON_OFF),
-        Setting("[:SENSe#]:CURRent[:DC]:PROTection[:LEVel]", "CURR:PROT", 1.05e-4, "%+.6E", -1.05, 1.05),
-        Setting("[:SENSe#]:VOLTage[:DC]:RANGe[:UPPer]", "VOLT:RANG", 21.0, "%+.6E", -210.0, 210.0),
         Setting("[:SENSe#]:VOLTage[:DC]:RANGe:AUTO", "VOLT:RANG:AUTO", 1, ON_OFF),
-        Setting("[:SENSe#]:VOLTage[:DC]:PROTection[:LEVel]", "VOLT:PROT", 21.0, "%+.6E", -210.0, 210.0),
         Setting("[:SENSe#]:RESistance:RANGe:AUTO", "RES:RANG:AUTO", 1, ON_OFF),
         *(
             Setting(f"[:SENSe#]:{of}:NPLCycles", "NPLC", 1.0, "%.2f", 0.01, 10.0)
             for of in SourceMeter.FUNCTIONS.values()
         ),
-        Setting(":SOURce#:CURRent:RANGe", "SOUR:CURR:RANG", 1.05e-4, "%+.6E", -1.05, 1.05),
         Setting(":SOURce#:CURRent:RANGe:AUTO", "SOUR:CURR:AUTO", 1, ON_OFF),
-        Setting(":SOURce#:VOLTage:RANGe", "SOUR:VOLT:RANG", 21.0, "%+.6E", -210.0, 210.0),
         Setting(":SOURce#:VOLTage:RANGe:AUTO", "SOUR:VOLT:AUTO", 1, ON_OFF),
         Setting(":SOURce#:DELay", "SOUR:DEL", 0.0, "%.5f", 0.0, 999.9999),
         Setting(":SOURce#:DELay:AUTO", "SOUR:DEL:AUTO", 1, ON_OFF),
@@ -279,15 +284,12 @@ class Keithley2400(SourceMeter):
             self.switch_output(False)
 
     def aperture_s(self) -> float:
-        """See `Meter.aperture_s`; NPLC is one for all functions."""
         return float(self.settings["NPLC"]) * self._line_period_s
 
     def averaged(self) -> int:
-        """See `Meter.averaged`; the filter is one for all functions."""
         return int(self.settings["AVER:COUN"]) if self.settings["AVER"] else 1
 
     def digitize(self) -> str:
-        """See `Meter.digitize`: the elements that are asked for."""
         voltage_V, current_A, resistance_ohm = self._measured()
         if resistance_ohm is None:
             return ""

@@ -116,7 +116,6 @@ class Keithley2450(SourceMeter):
         return int(self.settings[self.function + ":AVER:COUN"]) if self.settings[self.function + ":AVER"] else 1
 
     def digitize(self) -> str:
-        """See `Meter.digitize`: the elements that are asked for."""
         value: float | None = self.test_current_A
         if self.measures_resistance:
             value = self.sample_ohm()

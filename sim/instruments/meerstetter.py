@@ -153,7 +153,6 @@ class MeerstetterTec(SerialInstrument, Ticking):
         self._load_ohm = load_ohm
         self._stable_within_K, self._stable_for_s = stable_within_K, stable_for_s
         self._watchdog_error = watchdog_error
-        self.hardware_enable = False
         self._measured = self._measured_parameters(plant)
         self._descriptions = {READ: self._value_text, b"?VL": self._limits_text}
         self._reads: dict[bytes, Callable[[], bytes]] = {}
@@ -222,7 +221,7 @@ class MeerstetterTec(SerialInstrument, Ticking):
             code = self._set(payload)
             return _error(head, code) if code else acknowledgement
         if payload in (b"RS", b"ES"):
-            {b"RS": self._reset, b"ES": self._emergency_stop}[payload]()
+            self._reset() if payload == b"RS" else self._emergency_stop()
             return acknowledgement
         if payload[:3] == b"?IF" and len(payload) in (3, 5):  # mecompyapi appends an instance
             return _frame(head, self._firmware)
@@ -297,10 +296,8 @@ class MeerstetterTec(SerialInstrument, Ticking):
     def _enabled(self) -> bool:
         if self.status_until_reset is not None:
             return False
-        enable = self._values[2010]
-        if enable == 2:
-            return self._values[50000] == 1
-        return enable == 1 or (enable == 3 and self.hardware_enable)
+        enable = self._values[2010]  # 3: the hardware's pin, which nothing drives here
+        return enable == 1 or (enable == 2 and self._values[50000] == 1)
 
     def _regulating(self) -> bool:
         return self._values[2000] == 2 and self._enabled()
@@ -338,10 +335,10 @@ class MeerstetterTec(SerialInstrument, Ticking):
         if not self._regulating() or isnan(temperature_degC):
             return
         values = self._values
-        if abs(temperature_degC - self._values[3000]) > self._stable_within_K:
+        if abs(temperature_degC - values[3000]) > self._stable_within_K:
             self._stable_since_s = self._now_s
         self._regulator.step(
-            self._values[3000],
+            values[3000],
             temperature_degC,
             ramp_K_per_s=values[3003],
             gain_percent_per_K=values[3010],

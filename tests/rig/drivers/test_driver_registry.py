@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -119,7 +121,20 @@ def test_address_goes_to_drivers_that_have_one(
 
 
 def test_unknown_names() -> None:
-    with pytest.raises(ValueError, match=", ".join(METERS)):
-        drivers.open_meter("fluke", "sim://x", VirtualClock())
+    for open_one, names in ((drivers.open_controller, CONTROLLERS), (drivers.open_meter, METERS)):
+        with pytest.raises(ValueError, match=f"'fluke' is not known; there are {', '.join(names)}"):
+            open_one("fluke", "sim://x", VirtualClock())
     with pytest.raises(KeyError):
         emulators.emulated_meter("fluke", StillPlant())
+
+
+def test_only_the_driver_that_is_asked_for_is_imported() -> None:
+    script = (
+        "import sys, rig.drivers.registry as r; from rig.core.clock import VirtualClock\n"
+        "try: r.open_controller('meerstetter', 'sim://nobody', VirtualClock())\n"
+        "except Exception: pass\n"
+        "print('rig.drivers.meerstetter' in sys.modules, 'rig.drivers.keithley2000' in sys.modules,"
+        " 'sim.instruments.keithley2000' in sys.modules, 'numpy' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "False", "False", "False"]

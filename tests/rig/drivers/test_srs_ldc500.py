@@ -74,8 +74,8 @@ def test_a_setting_that_is_refused_or_not_kept(controller: Any, tec: SrsLdc500) 
         controller.configure(2.0, (10.0, 1000.0), 0.0)
     assert refused.value.code == 1
     tec.change_current_limit = lambda limit_A: None  # type: ignore[method-assign]
-    with pytest.raises(Refused, match=r"TILM was set to 2\.0000 and reads 4\.5"):
-        controller.configure(2.0, (10.0, 95.0), 0.0)
+    with pytest.raises(Refused, match=r"TILM was set to 3\.0000 and reads 2"):
+        controller.configure(3.0, (10.0, 95.0), 0.0)
 
 
 def test_words_are_understood(controller: Any, tec: SrsLdc500) -> None:

@@ -1,10 +1,9 @@
-"""Clocks, readings, errors."""
+"""Clocks, the real one while the computer sleeps too; readings and the numbers in them; one tree of errors."""
 
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
+import time
 
 import pytest
 
@@ -14,13 +13,13 @@ from rig.core.errors import (
     Disconnected,
     InstrumentError,
     OutOfStep,
+    Overrange,
     PortHeld,
     Refused,
     RigError,
     TimedOut,
 )
 from rig.core.reading import Quality, Reading, missing
-from rig.drivers.registry import open_controller, open_meter
 
 
 def test_virtual_time_passes_only_by_sleeping() -> None:
@@ -49,6 +48,21 @@ def test_reading() -> None:
         Reading(1.0, 2.0).value = 3.0  # type: ignore[misc]
 
 
+@pytest.mark.parametrize(
+    ("reading", "error"),
+    [
+        (Reading(math.inf, 0.0, Quality.OVERRANGE), Overrange),
+        (missing(0.0), TimedOut),
+        (Reading(1.0, 0.0, Quality.STALE), TimedOut),
+        (Reading(-1.0, 0.0, Quality.INVALID), Corrupt),
+    ],
+)
+def test_no_number_is_an_error_of_the_tree(reading: Reading, error: type[InstrumentError]) -> None:
+    with pytest.raises(error):
+        reading.number()
+    assert Reading(2.0, 0.0).number() == Reading(2.0, 0.0, Quality.SETTLING).number() == 2.0
+
+
 def test_one_error_tree() -> None:
     for error in (TimedOut("x"), Corrupt("x"), OutOfStep("x"), Refused(5, "no"), Disconnected("x")):
         assert isinstance(error, InstrumentError)
@@ -58,19 +72,13 @@ def test_one_error_tree() -> None:
     assert str(Refused(5, "no")) == "no (error 5)"
 
 
-@pytest.mark.parametrize("open_driver", [open_controller, open_meter])
-def test_unknown_driver(open_driver: object) -> None:
-    with pytest.raises(ValueError, match="'toaster' is not known"):
-        open_driver("toaster", "sim://x", VirtualClock())  # type: ignore[operator]
-
-
-def test_only_the_driver_that_is_asked_for_is_imported() -> None:
-    script = (
-        "import sys, rig.drivers.registry as r; from rig.core.clock import VirtualClock\n"
-        "try: r.open_controller('meerstetter', 'sim://nobody', VirtualClock())\n"
-        "except Exception: pass\n"
-        "print('rig.drivers.meerstetter' in sys.modules, 'rig.drivers.keithley2000' in sys.modules,"
-        " 'sim.instruments.keithley2000' in sys.modules, 'numpy' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["True", "False", "False", "False"]
+@pytest.mark.skipif(not hasattr(time, "CLOCK_BOOTTIME"), reason="only Linux tells how long it slept")
+def test_the_real_clock_goes_on_while_the_computer_sleeps(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, whole = RealClock(), time.clock_gettime
+    before_s = clock.now_s()
+    slept_s = {time.CLOCK_BOOTTIME: 3600.0}  # what the kernel adds to this clock, and to no monotonic one
+    monkeypatch.setattr(time, "clock_gettime", lambda which: whole(which) + slept_s.get(which, 0.0))
+    assert clock.now_s() >= before_s + 3600.0
+    began_s = time.monotonic()
+    clock.sleep_until_s(before_s + 1800.0)  # has passed meanwhile
+    assert time.monotonic() < began_s + 60.0
