@@ -14,7 +14,7 @@ from math import inf, isfinite, isnan, nan
 from typing import ClassVar
 
 from rig.core.clock import Clock
-from rig.core.errors import Disconnected, Refused
+from rig.core.errors import Disconnected, InstrumentError, Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.identity import Identity
 from rig.ports.open import LineSettings
@@ -207,6 +207,21 @@ class TemperatureController:
     def _require_armed(self, commands: str) -> None:
         if self._armed != commands:
             raise Refused(None, f"the output is not armed for {commands}")
+
+    def _stay_armed_if(self, is_on: Callable[[str], bool]) -> None:
+        """Disarm if the output is not on any more for what it was armed for, after the line was in doubt.
+
+        An error leaves the line in doubt, so that it is asked again before the next command. Meanwhile it counts as
+        not armed: a line that has to be brought in step for this very question asks once.
+        """
+        commands, self._armed = self._armed, None
+        if commands is not None:
+            try:
+                still_on = is_on(commands)
+            except InstrumentError:
+                self._armed = commands
+                raise
+            self._armed = commands if still_on else None
 
     def _require_within(self, now: Reading) -> float:
         """Return the temperature, degC, that own regulation begins with; Refused outside the configured limits."""

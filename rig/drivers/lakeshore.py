@@ -250,7 +250,8 @@ class LakeShoreController(TemperatureController):
     def set_current_A(self, current_A: float) -> None:
         """Set the drive, 0 to 1 of full power of the range, read back. ValueError outside: nothing is sent."""
         self._check_current(current_A)
-        self._require(DRIVES)
+        self.link.be_in_step()
+        self._require_armed(DRIVES)
         self._set_number("MOUT", str(self._output), 100.0 * current_A, RESOLUTION_PERCENT)
 
     def arm_setpoint(self) -> None:
@@ -266,7 +267,8 @@ class LakeShoreController(TemperatureController):
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
         """Set SETP, read back. ValueError outside the configured limits: nothing is sent."""
         self._check_setpoint(setpoint_degC)
-        self._require(SETPOINTS)
+        self.link.be_in_step()
+        self._require_armed(SETPOINTS)
         self._set_setpoint(setpoint_degC)
 
     def read_temperature(self) -> Reading:
@@ -335,11 +337,6 @@ class LakeShoreController(TemperatureController):
         wait_until_on(self.transport.clock, self.status)
         self._armed = commands
 
-    def _require(self, commands: str) -> None:
-        """Bring the line in step, so that it is known whether the output is still armed; Refused if it is not."""
-        self.link.be_in_step()
-        self._require_armed(commands)
-
     def _set(self, name: str, value: str) -> None:
         """Set a setting of the output in whole numbers, read back. Refused."""
         wanted = [float(part) for part in value.split(",")]
@@ -379,13 +376,12 @@ class LakeShoreController(TemperatureController):
         return _number(self.link.twice(question)[0])
 
     def _check_after_doubt(self) -> None:
-        """Check whether the output is still armed: a controller that was switched off in between comes back off."""
-        if self._armed is None:
-            return
-        commands, self._armed = self._armed, None
+        """A controller that was switched off in between comes back off."""
+        self._stay_armed_if(self._is_on)
+
+    def _is_on(self, commands: str) -> bool:
         in_range, mode = self.link.answers(f"RANGE? {self._output};OUTMODE? {self._output}", 2)
-        if _number(in_range) == self._range and _number(mode.partition(",")[0]) == MODE_FOR[commands]:
-            self._armed = commands
+        return _number(in_range) == self._range and _number(mode.partition(",")[0]) == MODE_FOR[commands]
 
 
 def _number(text: str) -> float:

@@ -18,8 +18,7 @@ Residual: another message's whole answer passes if its token is the right one, 1
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
 from rig.drivers.in_step import RESYNCHRONISATIONS, SteppedLink
@@ -35,8 +34,7 @@ ERROR = re.compile(r'(?:.*;)?\s*([+-]?\d+)\s*,\s*(?:"([^"]*)"|([^";]*))\s*')  # 
 class ScpiLink(SteppedLink):
     """One instrument; see `SteppedLink`.
 
-    after_resynchronisation: called when the line is in step again, so that the driver checks what the instrument still
-    remembers. TERMINATOR: of its answers; END: of our messages; ABORT: the character that makes it drop its work;
+    TERMINATOR: of its answers; END: of our messages; ABORT: the character that makes it drop its work;
     CLEAR_S: how long that takes before it listens again, s. WAKE: a message that it needs before any other. ANSWER_S:
     until an answer begins that takes no measurement; meters answer within 50 ms.
     """
@@ -49,20 +47,12 @@ class ScpiLink(SteppedLink):
     ANSWER_S: ClassVar[float] = 0.5
     LARGEST_TOKEN = 255
 
-    def __init__(
-        self,
-        transport: Transport,
-        *,
-        byte_s: float,
-        first_token: int | None = None,
-        after_resynchronisation: Callable[[], None] | None = None,
-    ) -> None:
-        super().__init__(transport, byte_s=byte_s, first_token=first_token)
+    def __init__(self, transport: Transport, *, byte_s: float, **options: Any) -> None:
+        super().__init__(transport, byte_s=byte_s, **options)
         self._answer_s = self.ANSWER_S + LONGEST_ANSWER * byte_s
         self._expected = b""
         self._pending = False
         self._deadline_s = 0.0
-        self._after_resynchronisation = after_resynchronisation
         self.errors: list[tuple[int, str]] = []
 
     def forget(self) -> None:
@@ -70,12 +60,11 @@ class ScpiLink(SteppedLink):
         self._pending = False  # in doubt it has been since that question was sent
 
     def be_in_step(self, trials: int = RESYNCHRONISATIONS) -> None:
-        """Bring the line in step if it is in doubt. OutOfStep if a question waits for its answer."""
+        """See `SteppedLink`. OutOfStep if a question waits for its answer."""
         if self._pending:
             self._pending = False
             raise OutOfStep("a question is asked while another waits for its answer")
-        if self.in_doubt or self._has_unasked():
-            self.resynchronise(trials)
+        super().be_in_step(trials)
 
     def start(self, message: str, answer_s: float | None = None, trials: int = RESYNCHRONISATIONS) -> None:
         """Send a message with a question, whose answer `finish` returns within `answer_s` from now.
@@ -167,10 +156,6 @@ class ScpiLink(SteppedLink):
         """Return the next token; not 0, which an instrument that has restarted holds."""
         return self._token % 255 + 1
 
-    def _has_unasked(self) -> bool:
-        """Return True if bytes have come unasked."""
-        return self.transport.has_more
-
     def _receive_answer(self, deadline_s: float) -> bytes:
         """Return the answers to the message that was sent, in one line."""
         return self.transport.receive_line(self.TERMINATOR, deadline_s)
@@ -188,18 +173,6 @@ class ScpiLink(SteppedLink):
         self._deadline_s = self.arrived_s + answer_s
         self._pending = True
 
-    def resynchronise(self, trials: int = RESYNCHRONISATIONS) -> None:
-        """Abort, discard, and wait for a fresh token; then empty the error queue into `errors`. OutOfStep."""
-        self._pending = False
-        try:
-            self._bring_in_step(trials)
-            self._empty_error_queue()
-            if self._after_resynchronisation is not None:
-                self._after_resynchronisation()
-        except BaseException:
-            self.in_doubt = True  # perhaps in step, but the settings of the instrument are not known
-            raise
-
     def _empty_error_queue(self) -> None:
         self.errors = []
         for _ in range(16):
@@ -210,6 +183,8 @@ class ScpiLink(SteppedLink):
             self.errors.append((code, text))
 
     def _prove(self, attempt: int) -> None:
+        """Abort, discard, and wait for a fresh token; then empty the error queue into `errors`."""
+        self._pending = False
         token = self._token = self._next_token()
         transport = self.transport
         transport.drain()
@@ -225,6 +200,7 @@ class ScpiLink(SteppedLink):
         deadline_s = transport.clock.now_s() + self._answer_s
         while not _is_token(transport.receive_line(self.TERMINATOR, deadline_s), b"%d" % token):
             pass
+        self._empty_error_queue()
 
 
 def _is_token(text: bytes, expected: bytes) -> bool:

@@ -221,7 +221,8 @@ class SrsLdc500Controller(TemperatureController):
     def set_current_A(self, current_A: float) -> None:
         """Set TCUR, read back. ValueError outside the configured limit: nothing is sent."""
         self._check_current(current_A)
-        self._require_step(CURRENTS)
+        self.link.be_in_step()
+        self._require_armed(CURRENTS)
         self._set_fast("TCUR", self._heating_sign * current_A, RESOLUTION_A)
 
     def arm_setpoint(self) -> None:
@@ -236,7 +237,8 @@ class SrsLdc500Controller(TemperatureController):
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
         """Set TEMP, read back. ValueError outside the configured limits: nothing is sent."""
         self._check_setpoint(setpoint_degC)
-        self._require_step(SETPOINTS)
+        self.link.be_in_step()
+        self._require_armed(SETPOINTS)
         self._set_fast("TEMP", setpoint_degC, RESOLUTION_K)
 
     def read_temperature(self) -> Reading:
@@ -303,11 +305,6 @@ class SrsLdc500Controller(TemperatureController):
         wait_until_on(self.transport.clock, self.status)
         self._armed = commands
 
-    def _require_step(self, commands: str) -> None:
-        """Bring the line in step, so that it is known whether the output is still armed; Refused if it is not."""
-        self.link.be_in_step()
-        self._require_armed(commands)
-
     def _set(self, name: str, value: float, resolution: float = 0.0) -> None:
         """Set, read back, and ask for errors."""
         self._set_fast(name, value, resolution)
@@ -325,12 +322,12 @@ class SrsLdc500Controller(TemperatureController):
         return _number(self.link.twice(f"{name}?")[0])
 
     def _check_after_doubt(self) -> None:
-        """Check whether the output is still armed: a controller that was switched off in between comes back off."""
-        if self._armed is not None:
-            commands, self._armed = self._armed, None
-            on, mode = (_number(text) for text in self.link.answers("TEON?;TMOD?", 2))
-            if on == 1 and mode == MODES[commands]:
-                self._armed = commands
+        """A controller that was switched off in between comes back off."""
+        self._stay_armed_if(self._is_on)
+
+    def _is_on(self, commands: str) -> bool:
+        on, mode = (_number(text) for text in self.link.answers("TEON?;TMOD?", 2))
+        return on == 1 and mode == MODES[commands]
 
 
 def _number(text: str) -> float:

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import re
 from math import nan
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.core.reading import Quality, Reading
@@ -72,9 +72,9 @@ class TcLabLink(SteppedLink):
         byte_s: float,
         boot_s: float,
         answer_s: float = 0.25,
-        first_token: int | None = None,
+        **options: Any,
     ) -> None:
-        super().__init__(transport, byte_s=byte_s, first_token=first_token)
+        super().__init__(transport, byte_s=byte_s, **options)
         self._fence, self._answer_s = fence, answer_s
         self.listens_s = transport.clock.now_s() + boot_s  # the past, once it has answered
         self.sent_s = 0.0  # when the last group was sent
@@ -82,8 +82,7 @@ class TcLabLink(SteppedLink):
     def ask(self, *commands: str) -> list[str]:
         """Return the replies to some commands, proven by a fence. TimedOut, Corrupt, OutOfStep, Disconnected."""
         transport = self.transport
-        if self.in_doubt or transport.has_more:
-            self.resynchronise()
+        self.be_in_step()
         self.in_doubt = True
         expected = self._next_token()
         data = "\n".join((*commands, f"{self._fence} {expected}\n")).encode("ascii")
@@ -111,10 +110,9 @@ class TcLabLink(SteppedLink):
 
         boots: whether a board that was opened just now is given the time until it listens.
         """
-        self.in_doubt = True
         if boots:
             self.transport.clock.sleep_until_s(self.listens_s)
-        self._bring_in_step(trials)
+        super().resynchronise(trials)
         self.listens_s = self.transport.clock.now_s()
 
     def _prove(self, attempt: int) -> None:
@@ -174,12 +172,16 @@ class TcLabController(TemperatureController):
             raise ValueError(f"boot_s {boot_s}: 0 to {LONGEST_BOOT_S:g} is expected")
         self.transport = transport
         self.link = TcLabLink(
-            transport, fence=f"P{3 - heater}", byte_s=line.byte_s, boot_s=boot_s, first_token=first_token
+            transport,
+            fence=f"P{3 - heater}",
+            byte_s=line.byte_s,
+            boot_s=boot_s,
+            first_token=first_token,
+            after_resynchronisation=self._check_after_doubt,
         )
         self._heater, self._full_pwm = heater, full_pwm
         self._byte_s, self._agreement_K = line.byte_s, agreement_K
         self._percent = 0.0
-        self._checked = 0  # resynchronisations after which the board was looked at
 
     @retry_once
     def identify(self) -> Identity:
@@ -214,15 +216,12 @@ class TcLabController(TemperatureController):
         """Be ready for `set_current_A`, at no drive: the board has no such switch, this driver remembers it."""
         self._check_current(0.0)
         self._set(f"Q{self._heater}", 0.0)
-        self._checked = self.link.resynchronised
         self._percent, self._armed = 0.0, DRIVES
 
     def set_current_A(self, current_A: float) -> None:
         """Set the drive, 0 to 1 of full drive, read back. ValueError outside the limit: nothing is sent."""
         self._check_current(current_A)
-        if self.link.in_doubt:
-            self.link.resynchronise()
-        self._check_after_doubt()
+        self.link.be_in_step()
         self._require_armed(DRIVES)
         percent = 100.0 * current_A
         self._set(f"Q{self._heater}", percent)
@@ -235,7 +234,6 @@ class TcLabController(TemperatureController):
             replies = self.link.ask(question, question, question)
             low, middle, high = sorted(self._number(reply) for reply in replies)
             if high - low <= self._agreement_K:
-                self._check_after_doubt()
                 good = LOWEST_DEGC <= middle <= HIGHEST_DEGC
                 # after two questions and one reply on the line
                 time_s = self.link.sent_s + (2 * len("T1\n") + len("25.00\r\n")) * self._byte_s
@@ -254,7 +252,6 @@ class TcLabController(TemperatureController):
     def status(self) -> Status:
         """Read the drives of both heaters; the board reports nothing else."""
         first, second = (self._number(reply) for reply in self.link.ask("R1", "R2"))
-        self._check_after_doubt()
         return Status(f"heater 1 at {first:g} %, heater 2 at {second:g} %", False, first > 0.0 or second > 0.0)
 
     def off(self) -> bool:
@@ -296,11 +293,11 @@ class TcLabController(TemperatureController):
         return float(text)
 
     def _check_after_doubt(self) -> None:
-        """Disarm if the board has restarted in between, or not understood a command: its heaters are off then."""
-        if self.link.resynchronised == self._checked:
-            return
-        if self._armed and self._percent > 0.0:
-            first, second = self._number_pair(f"R{self._heater}")
-            if not (first == second and abs(first - self._percent) <= RESOLUTION_PERCENT):
-                self._armed = None
-        self._checked = self.link.resynchronised
+        """A board that has restarted in between, or not understood a command, has its heaters off."""
+        self._stay_armed_if(self._drives)
+
+    def _drives(self, _: str) -> bool:
+        if not self._percent:
+            return True
+        first, second = self._number_pair(f"R{self._heater}")
+        return first == second and abs(first - self._percent) <= RESOLUTION_PERCENT

@@ -176,9 +176,9 @@ class TeLink(SteppedLink):
         gap_s: float = 0.01,
         drain_s: float = 0.3,
         answer_s: float = 0.25,
-        first_token: int | None = None,
+        **options: Any,
     ) -> None:
-        super().__init__(transport, byte_s=byte_s, first_token=first_token)
+        super().__init__(transport, byte_s=byte_s, **options)
         self._model = model
         self._address = b"%02x" % address if model.has_address else b""
         self._gap_s, self._drain_s = gap_s, drain_s
@@ -192,8 +192,7 @@ class TeLink(SteppedLink):
         A write whose reply is not its value is OutOfStep. TimedOut, Corrupt, OutOfStep, Disconnected.
         """
         transport = self.transport
-        if self.in_doubt or transport.has_more:
-            self.resynchronise(trials)
+        self.be_in_step(trials)
         self.in_doubt = True
         unasked = transport.stale_bytes
         replies, self.arrivals_s = [], []
@@ -234,11 +233,8 @@ class TeLink(SteppedLink):
             clock.sleep_until_s(clock.now_s() + SHOUT_S)
         return True
 
-    def resynchronise(self, trials: int = RESYNCHRONISATIONS) -> None:
-        """Listen until the line is silent, then send fences until one comes back."""
-        self._bring_in_step(trials)
-
     def _prove(self, attempt: int) -> None:
+        """Listen until the line is silent, then send a fence and wait until it comes back."""
         self._await_silence()
         if self._model.quiet is not None:
             self._ask(*self._model.quiet)
@@ -376,6 +372,7 @@ class TeTechnologyController(TemperatureController):
             gap_s=gap_s,
             drain_s=table.drain_s if drain_s is None else drain_s,
             first_token=first_token,
+            after_resynchronisation=self._check_after_doubt,
         )
         self._agreement_K = agreement_K
         self._fahrenheit: bool | None = None if units is None else units == "degF"
@@ -389,7 +386,6 @@ class TeTechnologyController(TemperatureController):
             derivative_min=(derivative_min, 0.0, largest),
         )
         self._own_gains = bandwidth_K, integral_per_min, derivative_min
-        self._checked = 0  # resynchronisations after which the instrument was looked at
 
     @classmethod
     def line_for(cls, **options: object) -> LineSettings:
@@ -417,10 +413,10 @@ class TeTechnologyController(TemperatureController):
     def identify(self) -> Identity:
         """Ask for the model number; a TC-36-25 has none, and its sensor type (43) has to be 0 to 5. Refused."""
         if self._model.fence_read:
-            (number,) = self._exchange((self._model.fence_read, None))
+            (number,) = self.link.sequence((self._model.fence_read, None))
             wrong = number != MODEL_CODE
         else:
-            (number,) = self._exchange((b"43", None))
+            (number,) = self.link.sequence((b"43", None))
             wrong = not 0 <= number <= 5
         if wrong:
             raise Refused(None, f"the instrument answers {number}, and is no {self._model.name}")
@@ -461,8 +457,7 @@ class TeTechnologyController(TemperatureController):
         """Read low and high alarm (58, 57), if the model is known to have them."""
         if not self._model.limits or self._alarm_type is None:
             return OwnLimits()
-        self._learn_units()
-        low, high = self._exchange(*((read, None) for _, read in self._model.limits))
+        low, high = self.link.sequence(*((read, None) for _, read in self._model.limits))
         return OwnLimits(low_degC=self._degC(low), high_degC=self._degC(high))
 
     def arm_setpoint(self) -> None:
@@ -477,22 +472,20 @@ class TeTechnologyController(TemperatureController):
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
         """Set the temperature (1c), read back. ValueError outside the configured limits: nothing is sent."""
         self._check_setpoint(setpoint_degC)
-        if self.link.in_doubt:
-            self.link.resynchronise()
-            self._check_after_doubt()
+        self.link.be_in_step()
         self._require_armed(SETPOINTS)
         self._set(b"1c", b"50", self._fixed(setpoint_degC))
 
     def read_temperature(self) -> Reading:
         """Read the control sensor (01), degC; `time_s` is that of the last of two requests, or the second of three."""
-        self._learn_units()
-        per_K = self._model.per_degC * (1.8 if self._fahrenheit else 1.0)
         for _ in range(TRIALS):
-            first, second = self._exchange(CONTROL_SENSOR, CONTROL_SENSOR)
+            first, second = self.link.sequence(CONTROL_SENSOR, CONTROL_SENSOR)
             time_s = self.link.arrivals_s[-1]
+            self._learn_units()
+            per_K = self._model.per_degC * (1.8 if self._fahrenheit else 1.0)
             if abs(first - second) <= SAME_K * per_K:
                 return self._temperature(second, time_s)
-            readings = sorted(self._exchange(CONTROL_SENSOR, CONTROL_SENSOR, CONTROL_SENSOR))
+            readings = sorted(self.link.sequence(CONTROL_SENSOR, CONTROL_SENSOR, CONTROL_SENSOR))
             time_s = self.link.arrivals_s[1]
             if min(readings[1] - readings[0], readings[2] - readings[1]) <= self._agreement_K * per_K:
                 return self._temperature(readings[1], time_s)
@@ -506,7 +499,7 @@ class TeTechnologyController(TemperatureController):
 
     def status(self) -> Status:
         """Read the alarms (05, on the TC-48-20 03) and whether power is on (46)."""
-        alarms, power = self._exchange((self._model.alarms, None), (self._power_read, None))
+        alarms, power = self.link.sequence((self._model.alarms, None), (self._power_read, None))
         on = power == 1
         names = [name for bit, name in enumerate(ALARMS) if alarms >> bit & 1]
         text = ("on" if on else "off") + "".join(f", alarm: {name}" for name in names)
@@ -525,7 +518,7 @@ class TeTechnologyController(TemperatureController):
         """Reset the latches (33). Refused if an alarm stays, or if no code for it is known (TC-48-20)."""
         if not self._model.reset_latches:
             super().clear_error()
-        self._exchange((self._model.reset_latches, 1))
+        self.link.sequence((self._model.reset_latches, 1))
         status = wait_for_status(self.transport.clock, self.status, lambda status: not status.is_error)
         if status.is_error:
             raise Refused(status.code, f"resetting the latches did not clear it: {status.meaning}")
@@ -555,12 +548,6 @@ class TeTechnologyController(TemperatureController):
         off, read = (self._model.power_write, 0), (self._power_read, None)
         return self.link.sequence(off, read, read, trials=1)[1:] == [0, 0]
 
-    def _exchange(self, *requests: Request) -> list[int]:
-        replies, arrivals_s = self.link.sequence(*requests), self.link.arrivals_s
-        self._check_after_doubt()
-        self.link.arrivals_s = arrivals_s
-        return replies
-
     def _set(self, write: bytes, read: bytes, value: int) -> None:
         _, read_back = self.link.sequence((write, value), (read, None))
         if read_back != value:
@@ -579,21 +566,17 @@ class TeTechnologyController(TemperatureController):
         self._fahrenheit = units == 0
 
     def _check_after_doubt(self) -> None:
-        """Ask for units and power again after the line was in doubt: the instrument may have restarted."""
-        if self.link.resynchronised == self._checked:
-            return
-        self._checked = self.link.resynchronised
-        if self._model.units and not self._given_units and self._fahrenheit is not None:
+        """Forget the units, and ask whether power is still on: the instrument may have restarted."""
+        if self._model.units and not self._given_units:
             self._fahrenheit = None
-            self._learn_units()
-        if self._armed:
-            (on,) = self.link.sequence((self._power_read, None))
-            self._armed = SETPOINTS if on == 1 else None
+        self._stay_armed_if(lambda _: self.link.sequence((self._power_read, None)) == [1])
 
     def _fixed(self, temperature_degC: float) -> int:
+        self._learn_units()
         value = temperature_degC * 1.8 + 32.0 if self._fahrenheit else temperature_degC
         return round(value * self._model.per_degC)
 
     def _degC(self, fixed: int) -> float:
+        self._learn_units()
         value = fixed / self._model.per_degC
         return (value - 32.0) / 1.8 if self._fahrenheit else value

@@ -48,7 +48,7 @@ def test_output_that_is_reported_off_is_off(clock: VirtualClock, attach: Attach,
     assert plant.current_A == 0.0
 
 
-@pytest.mark.parametrize("case", METERS[2:], ids=str)
+@pytest.mark.parametrize("case", METERS, ids=str)
 @pytest.mark.parametrize("seed", range(10))
 def test_test_current_that_is_reported_off_is_off(clock: VirtualClock, attach: Attach, seed: int, case: Case) -> None:
     plant = StillPlant()

@@ -13,6 +13,7 @@ from typing import Any
 from rig.core.clock import VirtualClock
 from rig.core.errors import InstrumentError
 from rig.core.reading import Reading
+from rig.drivers import registry
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import Meter
 from rig.drivers.registry import open_controller, open_meter
@@ -115,12 +116,14 @@ CONTROLLERS = (
         emulator={"full_drive_A": 4.0},
     ),
 )
-METERS = (
-    Case("keithley2000", b"+1.23456789E+03\n", meter=True),
-    Case("hp34401a", b"+1.23456789E+03\r\n", meter=True),
-    Case("keithley2400", b"+1.000000E-05,+1.234568E+03\n", meter=True),
-    Case("keithley2400", b"+1.000000E-05,+1.234568E+03\n", meter=True, options={"output_between_readings": False}),
-    Case("keithley2450", b"1.0000000E-05, 1.2345678E+03\n", meter=True),
+FOREIGN = {
+    "hp34401a": b"+1.23456789E+03\r\n",
+    "keithley2400": b"+1.000000E-05,+1.234568E+03\n",
+    "keithley2450": b"1.0000000E-05, 1.2345678E+03\n",
+}
+METERS = (  # each that is registered
+    *(Case(name, FOREIGN.get(name, b"+1.23456789E+03\n"), meter=True) for name in registry.METERS),
+    Case("keithley2400", FOREIGN["keithley2400"], meter=True, options={"output_between_readings": False}),
 )
 
 
