@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from rig.drivers.scpi import ScpiLink
-from rig.drivers.scpi_meter import ScpiMeter
+from rig.drivers.scpi_meter import ScpiMeter, Setting
 from rig.ports.open import LineSettings
 
 # full scale, ohm -> test current, A; not verified on an instrument
@@ -53,9 +53,13 @@ class Hp34401AMeter(ScpiMeter):
         if nplc not in NPLCS:
             raise ValueError(f"{nplc} power line cycles: one of {', '.join(f'{one:g}' for one in NPLCS)} is expected")
 
-    def _setting_messages(self) -> list[str]:
-        name = self._function
-        return [
-            f":CONF:{name};:TRIG:COUN 1;:SAMP:COUN 1;:{name}:NPLC {self._nplc:g}",
-            f":{name}:RANG {self._range_text(self._chosen)}",
+    def _settings(self, index: int) -> list[list[Setting]]:
+        function = [
+            Setting(f":CONF:{self._function}", ""),
+            Setting(":TRIG:COUN", "1"),
+            Setting(":SAMP:COUN", "1"),
+            Setting(":FUNC", None, self._function),
+            self._of_function("NPLC", f"{self._nplc:g}", self._nplc),
         ]
+        automatic, in_range = self._of_range(index)
+        return [function, [automatic._replace(value=None), in_range]]  # a range ends the automatic one here

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import ClassVar
 
-from rig.drivers.scpi_meter import ScpiMeter
+from rig.drivers.scpi_meter import ScpiMeter, Setting
 from rig.ports.open import LineSettings
 
 # full scale, ohm -> test current, A; not verified on an instrument
@@ -32,9 +32,12 @@ class Keithley2000Meter(ScpiMeter):
     VOLTS: ClassVar[str] = "VOLT:DC"
     QUOTE: ClassVar[str] = "'"
 
-    def _setting_messages(self) -> list[str]:
-        sense = f":SENS:{self._function}"
-        return [
-            f":CONF:{self._function};:INIT:CONT 0;:TRIG:COUN 1;{sense}:NPLC {self._nplc:g}",
-            f"{sense}:RANG:AUTO 0;{sense}:RANG {self._range_text(self._chosen)}",
+    def _settings(self, index: int) -> list[list[Setting]]:
+        function = [
+            Setting(f":CONF:{self._function}", ""),
+            Setting(":INIT:CONT", "0"),
+            Setting(":TRIG:COUN", "1"),
+            Setting(":SENS:FUNC", None, self._function),
+            self._of_function("NPLC", f"{self._nplc:g}", self._nplc),
         ]
+        return [function, self._of_range(index)]

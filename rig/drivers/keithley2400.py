@@ -24,7 +24,7 @@ from typing import ClassVar
 from rig.core.errors import OutOfStep, TimedOut
 from rig.core.reading import Reading
 from rig.drivers.meter import OVERFLOW
-from rig.drivers.scpi_meter import Expected, ScpiMeter, is_number
+from rig.drivers.scpi_meter import ScpiMeter, Setting, is_number
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
@@ -77,6 +77,10 @@ class SourceMeter(ScpiMeter):
     def _function_for(self, four_wire: bool) -> str:
         return "RES"
 
+    def _apply(self) -> None:
+        self._output_is_on = False
+        super()._apply()
+
     def _rest(self) -> bool:
         return is_number(self.link.ask(":OUTP OFF;:OUTP?"), 0.0)
 
@@ -121,37 +125,25 @@ class Keithley2400Meter(SourceMeter):
         )
         self._stays_on = output_between_readings
 
-    def _setting_messages(self) -> list[str]:
-        self._output_is_on = False
-        sense = f":SENS:{self._function}"
-        settings = f"{sense}:NPLC {self._nplc:g};:SYST:RSEN {'ON' if self._four_wire else 'OFF'}"
-        in_range = f"{sense}:RANG:AUTO 0;{sense}:RANG {self._range_text(self._chosen)}"
-        clear = f":SOUR:CLE:AUTO {0 if self._stays_on else 1}"
-        if self._reads_volts:
-            return [
-                "*RST",
-                f':SOUR:FUNC CURR;:SOUR:CURR 0;:SENS:FUNC "VOLT";{settings}',
-                f"{sense}:PROT {1.05 * self._ranges[self._chosen]:g};{in_range}",
-                f":FORM:ELEM VOLT;{clear}",
-            ]
+    def _settings(self, index: int) -> list[list[Setting]]:
+        name, elements = self._function, "VOLT" if self._reads_volts else "CURR,RES"
+        source = [Setting(":SOUR:FUNC", "CURR", "CURR"), Setting(":SOUR:CURR", "0")] if self._reads_volts else []
+        limit = [self._of_function("PROT", f"{1.05 * self._ranges[index]:g}")] if self._reads_volts else []
+        mode = [] if self._reads_volts else [self._of_function("MODE", "AUTO", "AUTO")]
         return [
-            "*RST",
-            f':SENS:FUNC "RES";:SENS:RES:MODE AUTO;{settings}',
-            in_range,
-            f":FORM:ELEM CURR,RES;{clear}",
-        ]
-
-    def _expected_settings(self) -> list[tuple[str, Expected]]:
-        sense, volts = f":SENS:{self._function}", self._reads_volts
-        elements = "VOLT" if volts else "CURR,RES"
-        return [
-            (":SENS:FUNC?", lambda text: f'"{self._function}' in text.replace("'", '"')),  # others are measured, too
-            (":SOUR:FUNC?", "CURR") if volts else (":SENS:RES:MODE?", "AUTO"),
-            (f"{sense}:NPLC?", self._nplc),
-            (":SYST:RSEN?", float(self._four_wire)),
-            (f"{sense}:RANG:AUTO?", 0.0),
-            (f"{sense}:RANG?", self._ranges[self._index]),
-            (":FORM:ELEM?", lambda text: text.replace(" ", "") == elements),
-            (":SOUR:CLE:AUTO?", float(not self._stays_on)),
-            (":OUTP?", float(self._output_is_on)),
+            [Setting("*RST", "")],
+            [
+                *source,
+                # others are measured, too
+                Setting(":SENS:FUNC", f'"{name}"', lambda text: f'"{name}' in text.replace("'", '"')),
+                *mode,
+                self._of_function("NPLC", f"{self._nplc:g}", self._nplc),
+                Setting(":SYST:RSEN", "ON" if self._four_wire else "OFF", float(self._four_wire)),
+            ],
+            [*limit, *self._of_range(index)],
+            [
+                Setting(":FORM:ELEM", elements, lambda text: text.replace(" ", "") == elements),
+                Setting(":SOUR:CLE:AUTO", f"{0 if self._stays_on else 1}", float(not self._stays_on)),
+                Setting(":OUTP", None, float(self._output_is_on)),
+            ],
         ]

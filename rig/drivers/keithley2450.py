@@ -16,7 +16,7 @@ from typing import ClassVar
 
 from rig.drivers.keithley2400 import SourceMeter
 from rig.drivers.scpi import ScpiLink
-from rig.drivers.scpi_meter import Expected
+from rig.drivers.scpi_meter import Setting
 from rig.ports.open import LineSettings
 
 DIGITS = 8  # significant ones of a number
@@ -41,30 +41,26 @@ class Keithley2450Meter(SourceMeter):
     READ: ClassVar[str] = f":READ? {ELEMENTS};:FETC? {ELEMENTS}"
     NUMBER: ClassVar[re.Pattern[str]] = re.compile(r"[+-]?\d\.\d{4,10}E[+-]\d\d")
 
-    def _setting_messages(self) -> list[str]:
-        self._output_is_on = False
-        sense = f":SENS:{self._function}"
-        messages = [
-            "*RST",
-            f':SENS:FUNC "{self._function}";{sense}:NPLC {self._nplc:g};{sense}:RSEN {int(self._four_wire)}',
-            f"{sense}:RANG:AUTO 0;{sense}:RANG {self._range_text(self._chosen)};:FORM:ASC:PREC {DIGITS}",
+    def _settings(self, index: int) -> list[list[Setting]]:
+        name, limit_V = self._function, f"{1.05 * self._ranges[index]:g}"
+        source = [
+            Setting(":SOUR:FUNC", "CURR", "CURR"),
+            Setting(":SOUR:CURR", "0"),
+            Setting(":SOUR:CURR:VLIM", limit_V),
         ]
-        if self._reads_volts:
-            limit_V = 1.05 * self._ranges[self._chosen]
-            messages.insert(1, f":SOUR:FUNC CURR;:SOUR:CURR 0;:SOUR:CURR:VLIM {limit_V:g}")
-        return messages
-
-    def _expected_settings(self) -> list[tuple[str, Expected]]:
-        sense = f":SENS:{self._function}"
         return [
-            (":SENS:FUNC?", lambda text: text.strip("\"'").partition(":")[0] == self._function),
-            (f"{sense}:NPLC?", self._nplc),
-            (f"{sense}:RSEN?", float(self._four_wire)),
-            (f"{sense}:RANG:AUTO?", 0.0),
-            (f"{sense}:RANG?", self._ranges[self._index]),
-            (":FORM:ASC:PREC?", DIGITS),
-            (":SOUR:FUNC?", lambda text: text == "CURR" or not self._reads_volts),
-            (":OUTP?", float(self._output_is_on)),
+            [Setting("*RST", "")],
+            *([source] if self._reads_volts else []),
+            [
+                Setting(":SENS:FUNC", f'"{name}"', lambda text: text.strip("\"'").partition(":")[0] == name),
+                self._of_function("NPLC", f"{self._nplc:g}", self._nplc),
+                self._of_function("RSEN", f"{int(self._four_wire)}", float(self._four_wire)),
+            ],
+            [
+                *self._of_range(index),
+                Setting(":FORM:ASC:PREC", f"{DIGITS}", DIGITS),
+                Setting(":OUTP", None, float(self._output_is_on)),
+            ],
         ]
 
     def _value(self, text: str) -> float:

@@ -4,9 +4,8 @@ The instrument's own autorange would pick the test current by itself; here the d
 current never exceeds what was allowed and is known for every reading. A reading asks for its value twice: without a
 checksum, repetition has to do, so that a flipped digit is no wrong number.
 
-Residual: a corruption that changes both copies alike, and leaves the token as it is. A burst shorter than the distance
-of the copies (a dozen characters) would have to come twice, with the same change at the same place: for random bursts
-at a share p of the answers, less than p^2 / 16 / 256, 16 for the place and 256 for the new character.
+Residual: two bursts that change both copies alike, and leave the token as it is; at a share p of the answers less than
+p^2 / 16 / 256, 16 for the place and 256 for the new character (docs/instruments.md, "What remains").
 
 Its filter: Model 2000 User's Manual rev J chapter 5, 2400 series manual chapter 18, Model 2450 reference manual section
 6, SENSe subsystem, AVERage.
@@ -18,7 +17,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from math import isfinite, isnan, nan
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.core.reading import Quality, Reading
@@ -35,6 +34,15 @@ APERTURES, MARGIN_S = 4.0, 0.3  # an answer may take as many integrations (auto-
 OFF_ATTEMPTS = 3
 BEYOND = re.compile(r"[+-]?9\.9\d*[Ee]\+?37")  # 9.9E37 and 9.91E37 with as many digits as an instrument likes
 Expected = float | str | Callable[[str], bool]  # answer to a question for a setting
+
+
+class Setting(NamedTuple):
+    """A setting by its header; value: what it is set to ("": the header alone is sent, None: nothing); reads: what then
+    reads back (None: it is not asked for)."""
+
+    header: str
+    value: str | None
+    reads: Expected | None = None
 
 
 class ScpiMeter(Meter):
@@ -109,19 +117,17 @@ class ScpiMeter(Meter):
     def _function_for(self, four_wire: bool) -> str:
         return "FRES" if four_wire else "RES"
 
-    def _setting_messages(self) -> list[str]:
-        """Return the commands for all settings, the range included."""
+    def _settings(self, index: int) -> list[list[Setting]]:
+        """Return all settings in a range, message by message, in the order in which they are sent and asked for."""
         raise NotImplementedError
 
-    def _expected_settings(self) -> list[tuple[str, Expected]]:
-        """Return a question for each setting, and the answer that is expected."""
-        sense = self.SENSE + self._function
-        return [
-            (f"{self.SENSE}FUNC?", self._function),
-            (f"{sense}:NPLC?", self._nplc),
-            (f"{sense}:RANG:AUTO?", 0.0),
-            (f"{sense}:RANG?", self._ranges[self._index]),
-        ]
+    def _of_function(self, name: str, value: str | None, reads: Expected | None = None) -> Setting:
+        """Return a setting of the function that is measured."""
+        return Setting(f"{self.SENSE}{self._function}:{name}", value, reads)
+
+    def _of_range(self, index: int) -> list[Setting]:
+        fixed = self._of_function("RANG:AUTO", "0", 0.0)
+        return [fixed, self._of_function("RANG", self._range_text(index), self._ranges[index])]
 
     def _rest(self) -> bool:
         """Stop the test current and return True if the meter says that it has stopped. By default: read volts."""
@@ -300,23 +306,22 @@ class ScpiMeter(Meter):
         """Send all settings and read them back."""
         self._rests = False
         self.test_current_on_s = nan
-        for message in self._setting_messages():
-            self.link.command(message)
+        for message in self._settings(self._chosen):
+            sent = (f"{one.header} {one.value}".strip() for one in message if one.value is not None)
+            self.link.command(";".join(sent))
         self._index = self._chosen
-        settings = self._ask_settings()
-        if not self._as_expected(settings):
-            raise Refused(None, f"the meter reads back {settings}")
+        kept, answers = self._keeps_settings()
+        if not kept:
+            raise Refused(None, f"the meter reads back {answers}")
         if self.averaging.count > 1:
             set_filter(self.link, self._filter(), self.averaging.count)
 
-    def _ask_settings(self) -> list[str]:
-        return self.link.ask(";".join(question for question, _ in self._expected_settings())).split(";")
-
-    def _as_expected(self, settings: list[str]) -> bool:
-        expected = self._expected_settings()
-        return len(settings) == len(expected) and all(
-            _agrees(text, value) for text, (_, value) in zip(settings, expected, strict=True)
-        )
+    def _keeps_settings(self) -> tuple[bool, list[str]]:
+        """Return whether the settings read back as they were set, and the answers."""
+        asked = [one for message in self._settings(self._index) for one in message if one.reads is not None]
+        answers = self.link.ask(";".join(f"{one.header}?" for one in asked)).split(";")
+        agree = (_agrees(text, one.reads) for text, one in zip(answers, asked, strict=False))
+        return len(answers) == len(asked) and all(agree), answers
 
     def _filter(self) -> str:
         return self.AVERAGE.format(function=self._function)
@@ -327,7 +332,7 @@ class ScpiMeter(Meter):
             return
         self._checking = True
         try:
-            if not self._as_expected(self._ask_settings()):
+            if not self._keeps_settings()[0]:
                 self._apply()
         finally:
             self._checking = False
@@ -342,10 +347,10 @@ def is_number(text: str, value: float) -> bool:
     return isfinite(number) and abs(number - value) <= 1e-3 * abs(value) + 1e-9
 
 
-def _agrees(text: str, expected: Expected) -> bool:
+def _agrees(text: str, expected: Expected | None) -> bool:
     if isinstance(expected, str):
         return text.strip("\"'") == expected
-    return expected(text) if callable(expected) else is_number(text, expected)
+    return expected(text) if callable(expected) else is_number(text, expected or 0.0)
 
 
 def set_filter(link: ScpiLink, header: str, count: int) -> None:

@@ -12,10 +12,8 @@ in the buffer. Settings are silent. Errors are asked for after a pause, because 
 to log them.
 
 There is no checksum. A reading is asked for twice in one line, with a token between and one behind, and counts if both
-are alike; a setting is read back in the line that sets it. Residual: a corruption that changes both copies of a reading
-alike and leaves the tokens as they are; for random bursts at a share p of the answers less than p^2 / 8 / 256 (8
-places, 256 characters). A setting garbled on its way acts until the read-back has shown it, some 50 ms at 9600 Bd; the
-instrument's own limits (TILM, TMIN, TMAX) hold meanwhile.
+are alike; a setting is read back in the line that sets it. One garbled on its way acts until the read-back has shown
+it, some 50 ms at 9600 Bd; the instrument's own limits (TILM, TMIN, TMAX) hold meanwhile.
 
 It has no dead man: when the host falls silent the output stays as it is. At 9600 Bd a temperature takes 63 ms and a
 current 58 ms: with both, a period of 0.2 s is right.

@@ -15,8 +15,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
-from sim.instruments.meter import ON_OFF, OVERFLOW_TEXT, RESISTANCES, Multimeter, Range, Setting
-from sim.instruments.scpi import Call, Handler, Parameters, ScpiError, boolean, number
+from sim.instruments.meter import ON_OFF, OVERFLOW, RESISTANCES, Multimeter, Range, Setting
+from sim.instruments.scpi import Call, Handler, Parameters, ScpiError, number
 
 # test currents: not verified on an instrument
 RANGES = (
@@ -48,7 +48,7 @@ class Hp34401A(Multimeter):
     BITS_PER_CHARACTER: ClassVar[float] = 11.0  # start, 7 and parity or 8, and two stop bits
     TERMINATOR: ClassVar[bytes] = b"\r\n"
     TRIGGER: ClassVar[tuple[str, ...]] = ("TRIG:", "SAMP:")
-    NAN_TEXT: ClassVar[str] = OVERFLOW_TEXT
+    NOT_A_NUMBER: ClassVar[float] = OVERFLOW
     ABORTS: ClassVar[tuple[bytes, ...]] = (b"\x03",)
     QUEUE_LENGTH: ClassVar[int] = 20
     QUEUE_OVERFLOW: ClassVar[str] = '-350,"Too many errors"'
@@ -103,7 +103,7 @@ class Hp34401A(Multimeter):
         for function, header in self.FUNCTIONS.items():
             self._define_function(function, header)
         self._define_measuring(lambda: int(self.settings["TRIG:COUN"]) * int(self.settings["SAMP:COUN"]))
-        define("[:SENSe]:ZERO:AUTO", set=self._set_autozero, ask=lambda _: str(self.settings["AZER"]))
+        self._define_autozero("[:SENSe]:ZERO:AUTO")
         define(":DATA:POINts", ask=lambda _: "+0" if self.stored is None else f"{self.stored.count(',') + 1:+d}")
         define(":SYSTem:VERSion", ask=lambda _: "1991.0")
         define(":ROUTe:TERMinals", ask=lambda _: "FRON")
@@ -138,10 +138,6 @@ class Hp34401A(Multimeter):
                 self.read(1)
 
         return act
-
-    def _set_autozero(self, parameters: Parameters) -> None:
-        once = len(parameters) == 1 and parameters[0].upper() == "ONCE"
-        self.settings["AZER"] = 0 if once else int(boolean(parameters))
 
     # ---- the line -------------------------------------------------------------------------------
 

@@ -49,7 +49,6 @@ class Keithley2000(Multimeter):
     REVISION: ClassVar[str] = "A20  /A02"
     BAUDRATE: ClassVar[float] = 19200.0
     TRIGGER: ClassVar[tuple[str, ...]] = ("TRIG:",)
-    NAN_TEXT: ClassVar[str] = "+9.91000000E+37"
     FUNCTIONS: ClassVar[Mapping[str, str]] = {
         "VOLT:DC": "VOLTage[:DC]",
         "VOLT:AC": "VOLTage:AC",

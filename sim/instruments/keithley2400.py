@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from math import inf, isinf, isnan, nan
+from math import inf, isinf, nan
 from typing import ClassVar
 
 from sim.instruments.meter import ON_OFF, REGISTERS, Meter, Range, Setting
@@ -38,7 +38,6 @@ RANGES = (  # manual, table of resistance ranges
     Range(20e6, 1e-6),
     Range(200e6, 100e-9),
 )
-OVERFLOW_TEXT, NAN_TEXT = "+9.900000E+37", "+9.910000E+37"
 ELEMENTS = {"VOLT": "VOLTAGE", "CURR": "CURRENT", "RES": "RESISTANCE", "TIME": "TIME", "STAT": "STATUS"}
 OF_EACH_LAYER = (  # of the trigger model
     Setting(":SOURce", "SOUR", "IMM"),
@@ -161,7 +160,6 @@ class Keithley2400(SourceMeter):
         Setting(":FORMat[:DATA]", "FORM", "ASC"),
         Setting(":CALCulate3:FORMat", "CALC3:FORM", "MEAN"),
         Setting(":SYSTem:RSENse", "RSEN", 0, ON_OFF),
-        Setting(":SYSTem:AZERo[:STATe]", "AZER", 1, ON_OFF),
         Setting(":DISPlay:ENABle", "DISP", 1, ON_OFF),
         Setting(":OUTPut#:SMODe", "SMOD", "NORM"),
         Setting(":ROUTe:TERMinals", "TERM", "FRON"),
@@ -192,7 +190,7 @@ class Keithley2400(SourceMeter):
         self._define(":ABORt", self.abort)
         define(":FORMat:ELEMents[:SENSe#]", set=self._choose_elements, ask=lambda _: ",".join(self.elements))
         define(":CALCulate3:DATA", ask=lambda _: "+0.000000E+00,+0.000000E+00,+0.000000E+00")
-        define(":SYSTem:AZERo[:STATe]", set=self._set_autozero)
+        self._define_autozero(":SYSTem:AZERo[:STATe]")
         define(":STATus:QUEue[:NEXT]", ask=lambda _: self.next_error())
         self._define(":STATus:QUEue:CLEar", self.errors.clear)
 
@@ -229,10 +227,6 @@ class Keithley2400(SourceMeter):
     def _measure(self, function: str, _: Parameters) -> None:
         self.configure(function)
         self.read(1)
-
-    def _set_autozero(self, parameters: Parameters) -> None:
-        once = len(parameters) == 1 and parameters[0].upper() == "ONCE"
-        self.settings["AZER"] = 0 if once else int(boolean(parameters))
 
     # ---- source ---------------------------------------------------------------------------------
 
@@ -305,7 +299,7 @@ class Keithley2400(SourceMeter):
             "TIME": self._now_s,
             "STAT": float(status),
         }
-        return ",".join(_text(values[element]) for element in self.elements)
+        return ",".join("%+.6E" % self.shown(values[element]) for element in self.elements)  # noqa: UP031 - in half the time
 
     def _measured(self) -> tuple[float, float, float | None]:
         """Return voltage, V, current, A, and resistance, ohm; None if autorange has changed the range."""
@@ -332,7 +326,7 @@ class Keithley2400(SourceMeter):
     # ---- settings -------------------------------------------------------------------------------
 
     def default_settings(self) -> dict[str, float | str]:
-        return super().default_settings() | {"RES:MODE": "MAN"}
+        return super().default_settings() | {"RES:MODE": "MAN", "AZER": 1}
 
     def reset(self) -> None:
         """See `Meter.reset`: output off, sources 0 V, measures current, manual ohms, all elements."""
@@ -349,11 +343,3 @@ class Keithley2400(SourceMeter):
         self.settings["TRIG:COUN"] = self.settings["ARM:COUN"] = 1
         self.enabled = {function}
         self.send_test_current()
-
-
-def _text(value: float) -> str:
-    if isnan(value):
-        return NAN_TEXT
-    if isinf(value):
-        return OVERFLOW_TEXT if value > 0 else "-" + OVERFLOW_TEXT[1:]
-    return "%+.6E" % value  # noqa: UP031 - half the time of an f-string

@@ -13,14 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from math import copysign, isinf, isnan
+from math import isinf
 from typing import ClassVar
 
 from sim.instruments.keithley2400 import SourceMeter
 from sim.instruments.meter import ON_OFF, REGISTERS, Setting
 from sim.instruments.scpi import ILLEGAL_PARAMETER_VALUE, Parameters, ScpiError
 
-OVERFLOW, NOT_A_NUMBER = 9.9e37, 9.91e37  # SCPI's numbers for both
 AUTOMATIC_DIGITS = 7  # with :FORMat:ASCii:PRECision 0
 ELEMENTS = {"SOUR": "SOURCE", "READ": "READING", "REL": "RELATIVE", "STAT": "STATUS"}
 LARGEST = {"RES": 200e6, "VOLT": 200.0, "CURR": 1.0}  # range of each function
@@ -136,7 +135,7 @@ class Keithley2450(SourceMeter):
 
     def _text(self) -> str:
         digits = int(self.settings["PREC"]) or AUTOMATIC_DIGITS
-        return ", ".join(f"{_number(self._values[element]):.{digits - 1}E}" for element in self.elements)
+        return ", ".join(f"{self.shown(self._values[element]):.{digits - 1}E}" for element in self.elements)
 
     def push_error(self, text: str) -> None:
         """See `ScpiInstrument.push_error`; an event has a kind and a date."""
@@ -153,9 +152,3 @@ class Keithley2450(SourceMeter):
         self.function = "CURR"
         self.choose_range(210e3)
         self.send_test_current()
-
-
-def _number(value: float) -> float:
-    if isnan(value):
-        return NOT_A_NUMBER
-    return copysign(OVERFLOW, value) if isinf(value) else value

@@ -30,7 +30,7 @@ from sim.instruments.scpi import (
 )
 
 RESISTANCES, VOLTAGES = ("RES", "FRES"), ("VOLT", "VOLT:DC")  # functions that measure something of the plant
-OVERFLOW_TEXT, ZERO_TEXT = "+9.90000000E+37", "+0.00000000E+00"
+OVERFLOW, NOT_A_NUMBER = 9.9e37, 9.91e37  # SCPI's numbers for what is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +100,7 @@ class Meter(ScpiInstrument):
     OVERRANGE: ClassVar[float] = 1.2
     UNDERRANGE: ClassVar[float] = 0.1
     SIGN: ClassVar[str] = ""  # before the number of a status register
+    NOT_A_NUMBER: ClassVar[float] = NOT_A_NUMBER
 
     def __init__(
         self,
@@ -188,6 +189,15 @@ class Meter(ScpiInstrument):
             return text % (self.full_scale_ohm if function in RESISTANCES else self.settings[f"{function}:RANG"])
 
         self._tree.define(header + ":RANGe[:UPPer]", set=change, ask=answer)
+
+    def _define_autozero(self, header: str) -> None:
+        """Autozero: on, off, or ONCE, after which it is off."""
+
+        def change(parameters: Parameters) -> None:
+            once = len(parameters) == 1 and parameters[0].upper() == "ONCE"
+            self.settings["AZER"] = 0 if once else int(boolean(parameters))
+
+        self._tree.define(header, set=change, ask=lambda _: str(self.settings["AZER"]))
 
     def _function_named(self, name: str) -> str:
         """Return the function that a name spells; the name itself if there is none."""
@@ -299,6 +309,12 @@ class Meter(ScpiInstrument):
 
     # ---- measuring ------------------------------------------------------------------------------
 
+    def shown(self, value: float) -> float:
+        """Return a value as a number: beyond the range, and none, are numbers of SCPI's."""
+        if isnan(value):
+            return self.NOT_A_NUMBER
+        return copysign(OVERFLOW, value) if isinf(value) else value
+
     def aperture_s(self) -> float:
         """Return how long a reading integrates, s: NPLC line periods."""
         return float(self.settings[self.function + ":NPLC"]) * self._line_period_s
@@ -392,11 +408,10 @@ class Meter(ScpiInstrument):
 class Multimeter(Meter):
     """A bench multimeter: resistance and DC voltage are measured, its other functions read 0.
 
-    TRIGGER: settings that CONFigure resets. NAN_TEXT: its text for no number.
+    TRIGGER: settings that CONFigure resets.
     """
 
     TRIGGER: ClassVar[tuple[str, ...]]
-    NAN_TEXT: ClassVar[str]
 
     def digitize(self) -> str:
         if self.measures_resistance:
@@ -410,13 +425,8 @@ class Multimeter(Meter):
             if abs(value) > self.OVERRANGE * (self.VOLTAGE_RANGES_V[-1] if automatic else full_V):
                 value = copysign(inf, value)
         else:
-            return ZERO_TEXT
-        value = self.filtered(value)
-        if isnan(value):
-            return self.NAN_TEXT
-        if isinf(value):
-            return OVERFLOW_TEXT if value > 0 else "-" + OVERFLOW_TEXT[1:]
-        return "%+.8E" % value  # noqa: UP031 - half the time of an f-string
+            value = 0.0
+        return "%+.8E" % self.shown(self.filtered(value))  # noqa: UP031 - half the time of an f-string
 
     def reset(self) -> None:
         """See `Meter.reset`: DC volts, autorange, one reading a trigger."""
