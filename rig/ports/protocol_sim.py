@@ -88,17 +88,6 @@ class Serial(SerialBase):
     def _reconfigure_port(self, force_update: bool = False) -> None:
         pass
 
-    @property
-    def timeout(self) -> float | None:
-        """Return how long a read blocks, s; None for ever."""
-        return self._timeout
-
-    @timeout.setter
-    def timeout(self, timeout: float | None) -> None:
-        if timeout is not None and timeout < 0:
-            raise ValueError(f"Not a valid timeout: {timeout!r}")
-        self._timeout = timeout
-
     def _require_line(self) -> None:
         if self._line is None:
             raise PortNotOpenError()
@@ -124,7 +113,8 @@ class Serial(SerialBase):
     def _wait_for(self, size: int) -> bytes:
         instrument, clock = self._instrument, self._clock
         now_s = clock.now_s()
-        deadline_s = inf if self._timeout is None else now_s + self._timeout
+        timeout_s = self.timeout
+        deadline_s = inf if timeout_s is None else now_s + timeout_s
         real = isinstance(clock, RealClock)
         buffer = self._buffer
         while True:
