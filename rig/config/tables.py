@@ -147,7 +147,8 @@ class ExperimentTable(Table):
     """[experiment]; target: a CSV file, or a profile in words. Kind "track_output" tracks the quantity that the meter's
     voltage stands for.
 
-    repeat: repetitions of a resistance that is tracked, each corrected for what the model lacked in those before.
+    repeat: repetitions of a resistance that is tracked, each corrected for what the film model lacked in those before;
+    not of law "pid", nor with an effect on the ohmmeter.
     learned: folder of a run whose learned.csv corrects the first. memory: of the film at first: "condition" drives it
     to the hot end, so that it is known; "estimate" fits it to the readings; "assume" takes the model's `initial`.
     """

@@ -18,7 +18,6 @@ from rig.control.law_units import LawUnits, plain_units
 from rig.control.loop import Loop
 from rig.records.film_output import output_to_ohm
 
-MODEL_LACKS: Final = "model_lacks"  # of a correction: taken off the readings and the target; else added to the target
 SAME_READING_S: Final = 1e-6  # between the stamps of one reading that is given twice: rounding
 LATEST_S: Final = 10.0  # that a command acts after it was to: output and line are given up before, so no time is right
 SOONEST: Final = 0.05  # of a period, from one command to the next: a late tick is followed by one in time
@@ -64,9 +63,9 @@ class Follow:
     default those of its film. setpoints: the reference goes to the controller's own PID instead of a current to its
     output. branches: for a target with several temperatures.
 
-    To be set afterwards: correction, learned in earlier runs, on -log10 R (`rig.experiment.repetitions`); the recorded
-    target stays as it is. estimates_memory: True if the film's memory is unknown at the start and estimated from the
-    readings.
+    To be set afterwards: model_lacks, the model's error that earlier runs have learned, on -log10 R
+    (`rig.experiment.repetitions`); the recorded target stays as it is. estimates_memory: True if the film's memory is
+    unknown at the start and estimated from the readings.
     """
 
     def __init__(
@@ -84,7 +83,7 @@ class Follow:
         self.state = state
         self.setpoints = setpoints
         self.units, self.branches = units or plain_units(law.film), branches
-        self.correction: Target | None = None
+        self.model_lacks: Target | None = None
         self.estimates_memory = False
         self._memory = memory
         self._tick_s, self._acted_s = math.inf, math.nan  # the tick before, and when its command acted, in the phase
@@ -95,7 +94,8 @@ class Follow:
     def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
         law = self.law
         at_s = time_s + read.after_s
-        output -= self._lacking(at_s - read.output_age_s)
+        if self.model_lacks is not None:  # the law goes by a film without it
+            output -= float(self.model_lacks.at(at_s - read.output_age_s))
         if self._given_before(at_s - read.output_age_s):
             output = math.nan
         if self.state is None:
@@ -109,9 +109,8 @@ class Follow:
         now = float(self.target.at(at_s))
         ahead_s = at_s + read.acts_after_s + self._ahead
         asked, coming = now, np.asarray(self.target.at(ahead_s), dtype=np.float64)
-        if self.correction is not None:
-            sign = -1.0 if self.correction.quantity == MODEL_LACKS else 1.0
-            asked, coming = now + sign * float(self.correction.at(at_s)), coming + sign * self.correction.at(ahead_s)
+        if self.model_lacks is not None:
+            asked, coming = now - float(self.model_lacks.at(at_s)), coming - self.model_lacks.at(ahead_s)
         since_s = self._since_s(time_s, at_s + read.acts_after_s)
         read_so = read.output_age_s, read.acts_after_s, read.test_current_A, since_s
         if metered:
@@ -160,11 +159,6 @@ class Follow:
             acts_s = self._acted_s + since_s
         self._tick_s, self._acted_s = tick_s, acts_s
         return since_s
-
-    def _lacking(self, time_s: float) -> float:
-        """Return the known error of the model's output at a time: the law goes by a film without it."""
-        known = self.correction
-        return float(known.at(time_s)) if known is not None and known.quantity == MODEL_LACKS else 0.0
 
     def _started(self, temperature_degC: float, output: float, test_current_A: float) -> LawState:
         """Return the law's state at the first readings."""

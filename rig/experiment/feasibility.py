@@ -30,7 +30,7 @@ from rig.core.faults import Faults, fault
 from rig.drivers.controller import OF_FULL_DRIVE
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import own_target
-from rig.experiment.repetitions import LEARNED, read_correction
+from rig.experiment.repetitions import check_repeatable
 from rig.records.film_output import FALLING_RESISTANCE, in_decades, other_sign
 
 QUANTITY = {
@@ -253,11 +253,7 @@ def target_and_model(file: ConfigurationFile, say: Callable[[str], None]) -> tup
     if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
         expected = "needs a model with [plate], or law = 'instrument_pid' (the controller's own PID)"
         raise fault(file.path, "experiment.model", f"missing; kind {e.kind!r} {expected}")
-    if (e.repeat > 1 or e.learned is not None) and e.kind != "track_resistance":
-        text = f"kind {e.kind!r}; expected 'track_resistance': a resistance is what repetitions learn"
-        raise fault(file.path, "experiment.repeat", text)
-    if e.learned is not None:
-        read_correction(file.beside(e.learned) / LEARNED)
+    check_repeatable(file, model)
     if model is not None:
         check_feasible(file, target, model, say)
     return target, model

@@ -1,15 +1,12 @@
-"""Repetitions of a tracking run: each uses the errors that earlier ones measured along the target.
+"""Repetitions of a tracking run: what the film model lacks of the output goes from one run into the next.
 
-    model_lacks   error of the film model over time (`compensator.control.repetition`), subtracted from readings and
-                  target, so that the law controls a film that its model describes
-    correction    tracking error over time, added to the target: for a law without a film model, and for a model with
-                  effects on the ohmmeter, whose output is not the reading
+It is taken off the readings and off the target, so that the law goes by a film that its model describes
+(`compensator.control.repetition`).
 
-    correction.csv   in a run's folder: the correction that was used (time_s, and model_lacks_dec or correction_dec, on
-                     -log10 R)
-    learned.csv      the correction for the next repetition
+    correction.csv   in a run's folder: what was used (time_s, model_lacks_dec: on -log10 R)
+    learned.csv      what the next repetition would use
 
-If a correction makes the error larger, the one with the smallest error is used for all further repetitions.
+If a correction makes the error larger it is given up: the one with the smallest error is then used to the end.
 """
 
 from __future__ import annotations
@@ -21,68 +18,63 @@ from typing import Final
 
 import numpy as np
 
-from compensator.control.law_step import LawName
-from compensator.control.repetition import corrected_reference, model_error
+from compensator.control.repetition import model_error
 from compensator.hysteresis.functions import Array
 from rig.analysis.error import TRACK, rms, tracking_error
+from rig.config.configuration import ConfigurationFile
 from rig.config.model_file import Model
 from rig.config.target import Target
-from rig.control.policies import MODEL_LACKS
 from rig.core.faults import fault
 from rig.records.record_file import read_record, write_columns
 from rig.records.run_folder import RunFolder
 
-USED, LEARNED, CORRECTION = "correction.csv", "learned.csv", "correction"
+USED, LEARNED, COLUMN = "correction.csv", "learned.csv", "model_lacks_dec"
 LARGEST_DEC: Final = 0.2  # a model that is off by more is wrong in kind: learning would drive the film elsewhere
 WORSE: Final = 1.05  # of the smallest error: two runs with the same correction differ by a few per cent by their noise
 
 
 def read_correction(path: Path) -> Target:
-    """Read the correction that a run has learned. Raises Faults."""
+    """Read what a run has learned. Raises Faults."""
     record = read_record(path, needs=(), options=False)
-    for quantity in (MODEL_LACKS, CORRECTION):
-        if record.has(f"{quantity}_dec"):
-            values = np.nan_to_num(record[f"{quantity}_dec"])
-            return Target(quantity, record["time_s"], np.clip(values, -LARGEST_DEC, LARGEST_DEC))
-    raise fault(path, f"{MODEL_LACKS}_dec", "missing; expected a file learned.csv of a run")
+    if not record.has(COLUMN):
+        raise fault(path, COLUMN, "missing; expected what a run has learned")
+    values = np.clip(np.nan_to_num(record[COLUMN]), -LARGEST_DEC, LARGEST_DEC)
+    return Target("model_lacks", record["time_s"], values)
 
 
 def write_correction(path: Path, correction: Target) -> None:
     """Write a correction for `read_correction`."""
-    write_columns(path, {"time_s": correction.times_s, f"{correction.quantity}_dec": correction.values})
+    write_columns(path, {"time_s": correction.times_s, COLUMN: correction.values})
 
 
-def learns_of(law: LawName, model: Model) -> str:
-    """Return the kind of correction of a law with this model: `MODEL_LACKS` or `CORRECTION`."""
-    by_its_film = law != "pid" and all(e.effect.link != "ohmmeter" for e in model.switched())
-    return MODEL_LACKS if by_its_film else CORRECTION
-
-
-def nothing_learned(quantity: str, target: Target, period_s: float) -> Target:
-    """Return a correction of zero along the target."""
-    grid: Array = np.arange(0.0, target.duration_s, period_s)
-    return Target(quantity, grid, np.zeros(grid.size))
+def check_repeatable(file: ConfigurationFile, model: Model | None) -> None:
+    """Raise Faults if nothing can be learned from run to run: only the error of a film model that the law goes by."""
+    e = file.content.experiment
+    if e.repeat == 1 and e.learned is None:
+        return
+    what = None
+    if e.kind != "track_resistance":
+        what = f"kind {e.kind!r}; expected 'track_resistance': a resistance is what repetitions learn"
+    elif e.law == "pid":
+        what = "law 'pid'; expected one with a film model, whose error is what repetitions learn"
+    elif model is not None and (effects := [each.name for each in model.switched() if each.effect.link == "ohmmeter"]):
+        what = f"the model has {effects[0]}, an effect on the ohmmeter; expected none, as its film is not what is read"
+    if what is not None:
+        raise fault(file.path, "experiment.repeat" if e.repeat > 1 else "experiment.learned", what)
+    if e.learned is not None:
+        read_correction(file.beside(e.learned) / LEARNED)
 
 
 def next_correction(run: RunFolder, target: Target, used: Target, period_s: float) -> Target:
     """Return the correction of the next repetition, from a run with `used`."""
     grid: Array = np.arange(0.0, target.duration_s, period_s)
-    before = used.at(grid)
-    if used.quantity == MODEL_LACKS:
-        time, found = lacked(run, target, used)
-        after = before + np.interp(grid, time, found) if time.size else before
-    else:
-        time, error = tracking_error(run)
-        good = np.isfinite(error)
-        if not np.any(good):
-            return Target(used.quantity, grid, before)
-        # log10 of measured over wanted: what -log10 R lacks
-        after = corrected_reference(before, np.interp(grid, time[good], error[good]))
-    return Target(used.quantity, grid, np.clip(after, -LARGEST_DEC, LARGEST_DEC))
+    time, found = lacked(run, target, used)
+    after = used.at(grid) + (np.interp(grid, time, found) if time.size else 0.0)
+    return Target("model_lacks", grid, np.clip(after, -LARGEST_DEC, LARGEST_DEC))
 
 
 def lacked(run: RunFolder, target: Target, used: Target) -> tuple[Array, Array]:
-    """Return the times of the ohmmeter's readings (s of the target), and the model's error beyond the correction."""
+    """Return when the ohmmeter was read (s of the target), and what the model lacked then beyond what was known."""
     inside = run.column("phase") == TRACK
     time, read_s, acts_s, ohm, model_ohm = (
         run.column(name)[inside]
@@ -102,20 +94,17 @@ def lacked(run: RunFolder, target: Target, used: Target) -> tuple[Array, Array]:
 
 @dataclass
 class Learning:
-    """The corrections of the repetitions so far.
+    """What the repetitions so far have taught. best_rms_dec: the smallest error, with `best`; over: nothing more is
+    learned."""
 
-    quantity: their kind (`learns_of`). best_rms_dec: the smallest error, with `best`. over: True if no more is learned.
-    """
-
-    quantity: str = MODEL_LACKS
     next: Target | None = None
     best: Target | None = None
     best_rms_dec: float = math.inf
     over: bool = False
 
     def take(self, run: RunFolder, target: Target, used: Target | None, period_s: float) -> None:
-        """Learn from a repetition that has ended, which added `used` to the target."""
-        used = used if used is not None else nothing_learned(self.quantity, target, period_s)
+        """Learn from a repetition that has ended, which used this correction."""
+        used = used if used is not None else Target("model_lacks", np.zeros(1), np.zeros(1))
         error = rms(tracking_error(run)[1])
         if error > WORSE * self.best_rms_dec:
             self.over, self.next = True, self.best

@@ -169,7 +169,7 @@ def replay_run(folder: Path) -> Replay:
             raise fault(folder / "model.toml", "film", "missing")
         plan = plan_tracking(file.content, target, model, _law(folder / "run.json"), fastest)
         if (folder / USED).is_file():
-            plan = replace(plan, correction=read_correction(folder / USED))
+            plan = replace(plan, model_lacks=read_correction(folder / USED))
         track(stand_in, file.content, plan)
     elif e.kind in ("temperature_profile", "hold") and e.law != "instrument_pid":
         observer = plate_observer(model.switched(), model.plate, e.period_s)

@@ -35,7 +35,7 @@ from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.feasibility import OWN_POLICY, TRACKING, check_feasible, target_and_model
 from rig.experiment.phases import Onlooker, Phases, expected_run
 from rig.experiment.polarity import check_polarity
-from rig.experiment.repetitions import LEARNED, USED, Learning, learns_of, read_correction, write_correction
+from rig.experiment.repetitions import LEARNED, USED, Learning, read_correction, write_correction
 from rig.experiment.run_record import Report, no_report, recorded, worked_out
 from rig.experiment.tracking import design_document, law_and_design, plan_tracking, to_temperature, track
 from rig.guard.pipe import UNGUARDED, Guard
@@ -222,9 +222,8 @@ def _repetitions(session: Session, inner: Path, result: Result) -> Learning:
     """Run all repetitions but the last, each in a folder of its own; return what was learned from them."""
     file, target = session.file, result.target
     assert target is not None
-    assert result.model is not None
     e = file.content.experiment
-    learning = Learning(learns_of(e.law, result.model))
+    learning = Learning()
     if e.learned is not None:
         learning.next = read_correction(file.beside(e.learned) / LEARNED)
     for k in range(1, e.repeat):
@@ -249,7 +248,7 @@ def _keep_learned(folder: RunFolder, learning: Learning) -> None:
 def _one_law(
     session: Session, where: Path, result: Result, name: LawName, correction: Target | None = None
 ) -> RunFolder:
-    """Run one law on the target, into a folder of its own. correction: of the target."""
+    """Run one law on the target, into a folder of its own. correction: of the model."""
     file, target, model = session.file, result.target, result.model
     assert target is not None
     assert model is not None
@@ -257,7 +256,7 @@ def _one_law(
     e = file.content.experiment
     known = known_plate(model.plate, model.switched())
     plan = plan_tracking(file.content, target, model, name, watchable_rate_K_per_s(known))
-    plan = replace(plan, correction=correction)
+    plan = replace(plan, model_lacks=correction)
     with one_run(session, where, f"law {name}") as (loop, folder):
         allow_test_current(loop, file.content, largest_test_current_A(loop.bench.meter, file.content, model, target))
         if name == e.law and result.calibration is None:

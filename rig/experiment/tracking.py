@@ -2,7 +2,7 @@
 
 condition  to the hot end, so that the film's memory is known (after an outage it is not)
 approach   down to the first target, the same for every law, so that laws are compared from the same place
-           (both are left out if `experiment.memory` is "estimate" or "assume")
+           (neither where `experiment.memory` says to begin where the film is)
 settle     the law itself on the first target
 track      the target
 """
@@ -113,11 +113,12 @@ def design_document(design: Design) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The laws, target and inverse of a tracking run, made before the output is switched on.
+    """What a tracking run needs, made before anything is switched on.
 
     law: the one that tracks, with its design; mover: for the way to the first target. own: the target as the film's own
-    output, inverse: of the film, both in the law's units. branches: the laws for heating and for
-    cooling, if a target has several temperatures. correction: is added to the target (`rig.experiment.repetitions`).
+    output, inverse: of the film, both in the law's units. branches: the way to go, where a target has several
+    temperatures and the nearest is not the one. model_lacks: the model's known error along the target, by
+    `rig.experiment.repetitions`.
     """
 
     name: LawName
@@ -130,7 +131,7 @@ class Plan:
     setpoints: bool
     units: LawUnits
     branches: Branches | None = None
-    correction: Target | None = None
+    model_lacks: Target | None = None
 
 
 def plan_tracking(
@@ -177,11 +178,11 @@ def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
     if e.memory == "condition":
         follow.state = handed_over(conditioned(loop, configuration, plan), plan.law)
     follow.estimates_memory = e.memory == "estimate"
-    if plan.correction is not None:
-        follow.correction = replace(plan.correction, times_s=np.zeros(1), values=plan.correction.values[:1])
+    if plan.model_lacks is not None:
+        follow.model_lacks = replace(plan.model_lacks, times_s=np.zeros(1), values=plan.model_lacks.values[:1])
     if e.settle_s > 0.0:
         loop.phase("settle", follow, e.settle_s, e.period_s)
-    follow.target, follow.correction, follow.branches = target, plan.correction, plan.branches
+    follow.target, follow.model_lacks, follow.branches = target, plan.model_lacks, plan.branches
     loop.phase("track", follow, target.duration_s, e.period_s)
     found = score(loop.folder, plan.name, configuration.limits.current_A)
     if found is None:

@@ -15,8 +15,7 @@ from compensator.control.pid import PidGains
 from compensator.thermal.plate import PlateModel
 from rig.config.target import Target
 from rig.control.decision import ReadAt
-from rig.control.policies import MODEL_LACKS, Follow
-from rig.experiment.repetitions import CORRECTION, read_correction
+from rig.control.policies import Follow
 from tests.compensator.film_models import TEN_OPERATORS as FILM
 from tests.rig.small import write_bench
 
@@ -59,12 +58,27 @@ def test_a_run_that_learns(tmp_path: Path, peltier: Peltier) -> None:
     assert np.allclose(begun, np.loadtxt(run / "learned.csv", delimiter=",", skiprows=1))
 
 
-def test_what_cannot_be_repeated_from_is_refused_before_anything_runs(tmp_path: Path, peltier: Peltier) -> None:
+SERIES = '[[effects]]\nname = "series_resistance"\nseries_ohm = 50.0\n'
+
+
+@pytest.mark.parametrize(
+    ("keys", "effects", "expected"),
+    [
+        ('learned = "nothing"', "", "learned.csv"),
+        ('repeat = 2\nlaw = "pid"', "", "experiment.repeat: law 'pid'"),
+        ("repeat = 2", SERIES, "experiment.repeat: the model has series_resistance"),
+    ],
+)
+def test_what_cannot_be_repeated_is_refused_before_anything_runs(
+    keys: str, effects: str, expected: str, tmp_path: Path, peltier: Peltier
+) -> None:
     path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace("settle_s", 'learned = "nothing"\nsettle_s'))
+    path.write_text(path.read_text().replace("settle_s", f"{keys}\nsettle_s"))
+    model = tmp_path / "model.toml"
+    model.write_text(model.read_text() + effects)
     status, _, err = peltier("run", path, "--out", tmp_path / "run")
     assert status == 2
-    assert "learned.csv" in err
+    assert expected in err
     assert not (tmp_path / "run").exists()
 
 
@@ -77,12 +91,12 @@ def test_a_law_that_knows_what_its_model_lacks_goes_as_if_the_film_were_its_mode
     )
     time = np.arange(0.0, 60.0, 0.1)
     wanted = Target("resistance", time, FILM.output_at(FILM.initial_memory(58.0)) + 0.1 * np.sin(0.1 * time))
-    lacks = Target(MODEL_LACKS, time, 0.01 * np.sin(0.7 * time))
+    lacks = Target("model_lacks", time, 0.01 * np.sin(0.7 * time))
     knowing, plain = (
         Follow(law, target, FILM.initial_memory(58.0))
         for target in (wanted, Target("resistance", time, wanted.values - lacks.values))
     )
-    knowing.correction = lacks
+    knowing.model_lacks = lacks
     random, memory, read = np.random.default_rng(1), FILM.initial_memory(58.0), ReadAt(0.06, 0.04, 0.02)
     for k in range(500):
         degC = 58.0 + 2.0 * float(np.sin(0.01 * k))
@@ -94,29 +108,3 @@ def test_a_law_that_knows_what_its_model_lacks_goes_as_if_the_film_were_its_mode
         )
         assert mine.current_A == pytest.approx(other.current_A, abs=1e-6)
         assert mine.target_ohm == pytest.approx(10.0 ** -float(wanted.at(0.1 * k + read.after_s)))
-
-
-@pytest.mark.long
-def test_a_law_without_a_film_and_a_meter_with_an_effect_learn_what_was_missed(
-    tmp_path: Path, peltier: Peltier
-) -> None:
-    path = write_bench(tmp_path, target='["start 20 kohm", "hold 4 s", "ramp to 12 kohm in 6 s", "hold 4 s"]')
-    text = path.read_text().replace("settle_s", "repeat = 2\nsettle_s")
-    path.write_text(text.replace("[experiment]", '[experiment]\nlaw = "pid"'))
-    status, _, err = peltier("run", path, "--out", tmp_path / "pid")
-    assert status == 0, err
-    assert read_correction(tmp_path / "pid" / "correction.csv").quantity == CORRECTION
-
-    path.write_text(text)
-    model = tmp_path / "model.toml"
-    model.write_text(model.read_text() + '[[effects]]\nname = "series_resistance"\nseries_ohm = 50.0\n')
-    status, _, err = peltier("run", path, "--out", tmp_path / "series")
-    assert status == 0, err
-    assert read_correction(tmp_path / "series" / "correction.csv").quantity == CORRECTION
-
-
-def test_what_an_earlier_version_has_learned_is_read(tmp_path: Path) -> None:
-    (tmp_path / "learned.csv").write_text("time_s,correction_dec\n0,0.001\n1,-0.5\n")
-    read = read_correction(tmp_path / "learned.csv")
-    assert read.quantity == CORRECTION
-    assert read.values.tolist() == [0.001, -0.2]
