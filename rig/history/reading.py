@@ -51,6 +51,10 @@ def span(path: Path, from_s: float, to_s: float, points: int, ends_s: float = ma
     check_span(from_s, to_s)
     points = max(2, min(points, MOST_POINTS))
     with _reading(path, ends_s) as connection:
+        first = connection.execute(
+            "SELECT min(s) FROM (SELECT min(time_s) AS s FROM raw UNION ALL SELECT min(start_s) FROM hour)"
+        )
+        from_s = max(from_s, min(first.fetchone()[0] or from_s, to_s - 1.0))  # no points for a time without rows
         rows = connection.execute(
             "SELECT count(*) FROM (SELECT 1 FROM raw WHERE time_s >= ? AND time_s <= ? LIMIT ?)",
             (from_s, to_s, MOST_RAW + 1),

@@ -13,15 +13,15 @@ from rig.core.faults import Faults
 from rig.overview.configuration import read_overview
 from tests.page.overviews import Overview, overviewing, silent, written
 from tests.rig.daemon.benches import SERVE, running, write_current
-from tests.rig.web.fake_bench import FakeBench, Server, served
+from tests.rig.web.page_bench import PageBench, served
 
 TOKEN, OTHER = "t" * 20, "u" * 20
 
 
 class Lab(NamedTuple):
     overview: Overview
-    left: Server
-    right: Server
+    left: PageBench
+    right: PageBench
     path: Path
 
 
@@ -29,10 +29,11 @@ class Lab(NamedTuple):
 def lab(tmp_path: Path) -> Iterator[Lab]:
     """Two benches, one with a token, one that never answers, one that is not there."""
     with ExitStack() as stack:
-        left, right = (stack.enter_context(served(FakeBench(token))) for token in (TOKEN, None))
+        left = stack.enter_context(served(tmp_path / "left", TOKEN))
+        right = stack.enter_context(served(tmp_path / "right"))
         nowhere = "http://127.0.0.1:9"
-        benches = {"left": left.address, "silent": stack.enter_context(silent()), "gone": nowhere}
-        path = written(tmp_path, {**benches, "right": right.address}, {"left": TOKEN})
+        benches = {"left": left.url, "silent": stack.enter_context(silent()), "gone": nowhere}
+        path = written(tmp_path, {**benches, "right": right.url}, {"left": TOKEN})
         overview = stack.enter_context(overviewing(path))
         overview.until("left", lambda bench: bench["trouble"] is None)
         overview.until("right", lambda bench: bench["trouble"] is None)
@@ -40,7 +41,7 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
 
 
 def test_each_bench_is_told_as_it_is_and_a_silent_one_holds_up_none(lab: Lab) -> None:
-    lab.right.call(lab.right.bench.trip_now)
+    lab.right.trip_now()
     tripped = lab.overview.until("right", lambda bench: bench["state"]["state"] == "tripped")
     assert tripped["state"]["trip"]["cause"] == "over_temperature"
     left = lab.overview.bench("left")
@@ -61,11 +62,11 @@ def test_a_bench_that_ends_is_told_with_the_last_that_was_known(lab: Lab) -> Non
 
 def test_stop_reaches_the_bench_that_is_meant_and_no_other(lab: Lab) -> None:
     for server in (lab.left, lab.right):
-        server.call(server.bench.add_job, "film", "track_resistance")
+        server.add_job("film")
     status, answer = lab.overview.ask("POST", "/api/stop", {"bench": "left", "press": "one"})
     assert (status, answer["confirmed"]) == (200, True)
-    assert len(lab.left.bench.stops) == 1
-    assert not lab.right.bench.stops
+    assert len(lab.left.stops) == 1
+    assert not lab.right.stops
     assert lab.overview.ask("POST", "/api/stop", {"bench": "middle"})[0] == 404
     status, answer = lab.overview.ask("POST", "/api/stop", {"bench": "gone"})
     assert (status, "does not answer" in answer["faults"][0]) == (502, True)
@@ -77,26 +78,26 @@ def test_who_may_ask(lab: Lab, tmp_path: Path) -> None:
     assert lab.overview.ask("GET", "/api/state", Host="elsewhere.example")[0] == 403
     assert lab.overview.ask("POST", "/api/stop", stop, **{"Content-Type": "text/plain"})[0] == 415
     assert lab.overview.ask("POST", "/api/stop", stop, **{"X-Peltier": "0"})[0] == 403
-    assert not lab.left.bench.stops
+    assert not lab.left.stops
     folder = tmp_path / "with_token"
     folder.mkdir()
-    path = written(folder, {"left": lab.left.address}, {"left": TOKEN}, f'token = "{OTHER}"')
+    path = written(folder, {"left": lab.left.url}, {"left": TOKEN}, f'token = "{OTHER}"')
     with overviewing(path) as closed:
         for headers in ({}, {"Authorization": f"Bearer {TOKEN}"}):
             assert closed.ask("GET", "/api/state", **headers)[0] == 401
             assert closed.ask("POST", "/api/stop", stop, **headers)[0] == 401
-        assert not lab.left.bench.stops
+        assert not lab.left.stops
         status, known = closed.ask("GET", "/api/state", Authorization=f"Bearer {OTHER}")
         assert status == 200
         assert TOKEN not in str(known)
         assert closed.ask("POST", "/api/stop", stop, Authorization=f"Bearer {OTHER}")[0] == 200
-    assert len(lab.left.bench.stops) == 1
+    assert len(lab.left.stops) == 1
 
 
 def test_a_wrong_token_is_told(lab: Lab, tmp_path: Path) -> None:
     folder = tmp_path / "wrong"
     folder.mkdir()
-    with overviewing(written(folder, {"left": lab.left.address}, {"left": OTHER})) as wrong:
+    with overviewing(written(folder, {"left": lab.left.url}, {"left": OTHER})) as wrong:
         wrong.until("left", lambda bench: "token" in (bench["trouble"] or ""))
 
 
@@ -153,12 +154,12 @@ def test_a_bench_whose_instruments_are_gone_shows_no_reading_as_new(page: Any, l
     """It answers, and so was heard of just now; its latest reading is as old as its instruments are gone."""
     from playwright.sync_api import expect
 
-    left, bench = page.locator('[data-bench="left"]'), lab.left.bench
+    left, bench = page.locator('[data-bench="left"]'), lab.left
     expect(left.locator(".state")).to_have_text("Idle", timeout=20_000)
-    bench.rig.frozen = True
-    bench.rig.rows[-1]["time_s"] -= 60.0
-    bench.warnings.append("offline: /dev/ttyUSB0: gone")
-    lab.left.call(bench.trip_now, "not_confirmed_off", "the controller is gone")
+    bench.frozen = True
+    bench.commands.recent[-1]["time_s"] -= 60.0
+    bench.shown = {"warnings": ["offline: /dev/ttyUSB0: gone"]}
+    bench.trip_now("not_confirmed_off", "the controller is gone")
     expect(left.locator(".state")).to_have_text("Tripped", timeout=20_000)
     expect(left.locator(".heard")).to_contain_text("its reading", timeout=20_000)
     expect(left.locator(".about")).to_contain_text("Switch the controller off by hand.")
@@ -171,14 +172,14 @@ def test_the_page_shows_and_stops(page: Any, lab: Lab) -> None:
     left = page.locator('[data-bench="left"]')
     expect(left.locator(".state")).to_have_text("Idle", timeout=20_000)
     expect(page.locator('[data-bench="silent"] .state')).to_have_text("No answer", timeout=20_000)
-    lab.left.call(lab.left.bench.add_job, "film 7", "track_resistance")
+    lab.left.add_job("film 7")
     expect(left.locator(".output")).to_have_text("output on", timeout=20_000)
     expect(left.locator(".about")).to_contain_text("film 7")
     page.get_by_role("button", name="STOP left", exact=True).click()
     expect(left.locator(".state")).to_have_text("Stopped", timeout=20_000)
     expect(left.locator(".output")).to_have_text("output off, confirmed")
-    assert len(lab.left.bench.stops) == 1
-    assert not lab.right.bench.stops
+    assert len(lab.left.stops) == 1
+    assert not lab.right.stops
     lab.right.close()
     expect(page.locator('[data-bench="right"] .state')).to_have_text("No answer", timeout=20_000)
     expect(page.locator('[data-bench="right"] .output')).to_have_text("output not known")

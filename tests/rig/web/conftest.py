@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.rig.web.fake_bench import FakeBench, Server, served
+from tests.rig.web.page_bench import PageBench, served
 
 
 @pytest.fixture
-def bench() -> FakeBench:
-    """A bench that idles."""
-    return FakeBench()
-
-
-@pytest.fixture
-def server(bench: FakeBench) -> Iterator[Server]:
-    """The bench, served."""
-    with served(bench) as one:
+def bench(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[PageBench]:
+    """A bench that idles, with its page. Parameter: more words for `served`."""
+    with served(tmp_path / "bench", **getattr(request, "param", {})) as one:
         yield one
 
 
 @pytest.fixture
-def open_page(browser: Any, server: Server) -> Iterator[Callable[..., Any]]:
+def open_page(browser: Any, bench: PageBench) -> Iterator[Callable[..., Any]]:
     """Open the page; a script's error or a breach of the page's policy fails the test, any request off it too."""
     contexts, complaints = [], []
 
@@ -35,9 +30,9 @@ def open_page(browser: Any, server: Server) -> Iterator[Callable[..., Any]]:
         page = context.new_page()
         page.on("pageerror", lambda fault: complaints.append(f"error: {fault}"))
         page.on("console", lambda said: "Content Security" in said.text and complaints.append(said.text))
-        ours = (server.address, f"http://127.0.0.1:{server.bench.stop_port}/api/stop")
+        ours = (bench.url, f"http://127.0.0.1:{bench.commands.stop_port}/api/stop")
         page.on("request", lambda asked: asked.url.startswith(ours) or complaints.append(f"asks {asked.url}"))
-        page.goto(server.address)
+        page.goto(bench.url)
         return page
 
     yield open_one

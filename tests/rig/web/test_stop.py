@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.rig.web.fake_bench import FakeBench, Server, served
+from tests.rig.web.page_bench import PageBench, served
 
 pytest.importorskip("playwright.sync_api")
 from playwright.sync_api import expect
@@ -16,22 +16,22 @@ OFF = "output off, confirmed"
 
 
 @pytest.fixture
-def running(open_page: Callable[..., Any], bench: FakeBench, server: Server) -> Any:
+def running(open_page: Callable[..., Any], bench: PageBench) -> Any:
     """The page of a bench whose output is on."""
-    server.call(bench.add_job, "film 7", "track_resistance")
+    bench.add_job("film 7")
     page = open_page()
     expect(page.get_by_role("status").filter(has_text="output")).to_have_text("output on")
     expect(page.locator("#state-word")).to_have_text("Running")
     return page
 
 
-def assert_off(page: Any, bench: FakeBench, stops: int = 1) -> None:
+def assert_off(page: Any, bench: PageBench, stops: int = 1) -> None:
     expect(page.locator("#output")).to_have_text(OFF)
     expect(page.locator("#state-word")).to_have_text("Stopped")
     assert len(bench.stops) == stops
 
 
-def test_by_click_by_keyboard_alone_and_by_its_keys(running: Any, bench: FakeBench, server: Server) -> None:
+def test_by_click_by_keyboard_alone_and_by_its_keys(running: Any, bench: PageBench) -> None:
     button = running.get_by_role("button", name="STOP", exact=True)
     running.keyboard.press("Tab")
     expect(button).to_be_focused()  # the first thing that Tab reaches
@@ -45,14 +45,14 @@ def test_by_click_by_keyboard_alone_and_by_its_keys(running: Any, bench: FakeBen
     for count, press in enumerate(ways, 1):
         press()
         assert_off(running, bench, count)
-        server.call(bench.clear)
-        server.call(bench.add_job, "again", "track_resistance")
+        bench.clear()
+        bench.add_job("again")
         expect(running.locator("#output")).to_have_text("output on")
     running.evaluate("scrollTo(0, 100000)")
     expect(button).to_be_in_viewport(ratio=1)
 
 
-def test_a_press_is_sent_while_an_earlier_one_waits(running: Any, bench: FakeBench, server: Server) -> None:
+def test_a_press_is_sent_while_an_earlier_one_waits(running: Any, bench: PageBench) -> None:
     button = running.get_by_role("button", name="STOP", exact=True)
     bench.answers_stop_after_s = 3.0
     button.click()
@@ -60,8 +60,8 @@ def test_a_press_is_sent_while_an_earlier_one_waits(running: Any, bench: FakeBen
     said = running.get_by_role("alert").filter(has_text="has not answered yet")
     expect(said).to_be_visible()
     bench.answers_stop_after_s = 0.0
-    server.call(bench.clear)
-    server.call(bench.add_job, "again", "track_resistance")
+    bench.clear()
+    bench.add_job("again")
     expect(running.locator("#output")).to_have_text("output on")
     button.click()
     assert_off(running, bench, 2)
@@ -69,7 +69,7 @@ def test_a_press_is_sent_while_an_earlier_one_waits(running: Any, bench: FakeBen
     expect(button).not_to_have_attribute("data-busy", "")
 
 
-def test_typing_is_not_stopping(running: Any, bench: FakeBench) -> None:
+def test_typing_is_not_stopping(running: Any, bench: PageBench) -> None:
     running.locator("#text-summary").click()
     running.locator("#text").press_sequentially("S")
     running.keyboard.press("Escape")  # leaves the field
@@ -79,7 +79,7 @@ def test_typing_is_not_stopping(running: Any, bench: FakeBench) -> None:
     assert_off(running, bench)
 
 
-def test_what_a_screen_reader_is_told(running: Any, bench: FakeBench) -> None:
+def test_what_a_screen_reader_is_told(running: Any, bench: PageBench) -> None:
     button = running.get_by_role("button", name="STOP", exact=True)
     expect(button).to_have_attribute("aria-keyshortcuts", "Escape Shift+S")
     expect(button).to_have_accessible_description("STOP: Esc or Shift+S")
@@ -92,9 +92,9 @@ def test_what_a_screen_reader_is_told(running: Any, bench: FakeBench) -> None:
     assert f"- status: {OFF}" in running.locator("#top").aria_snapshot()
 
 
-def test_it_goes_to_stops_own_listener_too(open_page: Callable[..., Any], bench: FakeBench, server: Server) -> None:
-    bench.stop_port = 9  # where nothing listens: the browser's request is answered here
-    server.call(bench.add_job, "film 7", "track_resistance")
+@pytest.mark.parametrize("bench", [{"stop_port": 9}], indirect=True)  # where nothing listens: it is answered here
+def test_it_goes_to_stops_own_listener_too(open_page: Callable[..., Any], bench: PageBench) -> None:
+    bench.add_job("film 7")
     page = open_page()
     expect(page.locator("#output")).to_have_text("output on")
     presses: list[dict[str, str]] = []
@@ -102,13 +102,12 @@ def test_it_goes_to_stops_own_listener_too(open_page: Callable[..., Any], bench:
     def answer(route: Any) -> None:
         if route.request.method == "POST":
             presses.append(route.request.post_data_json)
-            bench.stops.append(0.0)
-            server.call(bench.end, "stopped", "stopped", "STOP was pressed")
+            bench.commands.stop("the page")
         allowed = {"Access-Control-Allow-Origin": "*", "Access-Control-Allow-Headers": "*"}
         route.fulfill(json={"off": True, "confirmed": True, "took_s": 0.01}, headers=allowed)
 
     page.route("http://127.0.0.1:9/api/stop", answer)
-    page.route(f"{server.address}api/stop", lambda route: presses.append(route.request.post_data_json))  # never answers
+    page.route(f"{bench.url}api/stop", lambda route: presses.append(route.request.post_data_json))  # never answers
     page.get_by_role("button", name="STOP", exact=True).click()
     expect(page.locator("#output")).to_have_text(OFF)
     expect(page.locator("#stop")).not_to_have_attribute("data-busy", "")
@@ -117,25 +116,25 @@ def test_it_goes_to_stops_own_listener_too(open_page: Callable[..., Any], bench:
     assert presses[0]["press"] == presses[1]["press"] != ""
 
 
-def test_not_confirmed_is_said_loudly(running: Any, bench: FakeBench) -> None:
+def test_not_confirmed_is_said_loudly(running: Any, bench: PageBench) -> None:
     running.route("**/api/stop", lambda route: route.fulfill(json={"off": False, "confirmed": False, "took_s": 1.0}))
     running.get_by_role("button", name="STOP", exact=True).click()
     expect(running.get_by_role("alert").filter(has_text="NOT CONFIRMED")).to_be_visible()
 
 
-def test_it_insists_while_the_bench_is_away(running: Any, bench: FakeBench, server: Server) -> None:
-    server.close()
+def test_it_insists_while_the_bench_is_away(running: Any, bench: PageBench) -> None:
+    bench.close()
     running.get_by_role("button", name="STOP", exact=True).click()
     expect(running.get_by_role("alert").filter(has_text="STOP did not reach the bench")).to_be_visible()
     expect(running.locator("#output")).to_have_text("no connection: output not known")
-    with served(bench, server.port):
-        assert_off(running, bench)
+    with served(bench.folder, port=bench.port) as again:
+        assert_off(running, again)
         expect(running.locator("#stop-said")).to_be_hidden()
         running.close()
 
 
 @pytest.mark.parametrize(("width", "height"), [(360, 740), (740, 360)])
-def test_on_a_phone(open_page: Callable[..., Any], bench: FakeBench, width: int, height: int) -> None:
+def test_on_a_phone(open_page: Callable[..., Any], bench: PageBench, width: int, height: int) -> None:
     page = open_page(width, height, has_touch=True, is_mobile=True)
     expect(page.locator("#tile-temperature .number")).not_to_have_text("–")
     page.locator("#text-summary").click()
