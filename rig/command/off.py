@@ -22,7 +22,6 @@ from rig.daemon.client import (
     NONE_RUNS,
     Client,
     NoDaemon,
-    OtherVersion,
     Refusal,
     daemons,
     json_argument,
@@ -108,10 +107,7 @@ def _controller(path: Path) -> Held:
 def _who(client: Client) -> dict[str, Any]:
     """Return a daemon's answer on itself; empty if it has none."""
     try:
-        try:
-            return dict(client.ask("GET", "/daemon"))
-        except OtherVersion:
-            return client.ask_earlier("who")
+        return dict(client.ask("GET", "/daemon"))
     except (NoDaemon, Refusal):
         return {}
 

@@ -54,7 +54,7 @@ def stop_all(clients: list[Client], by: str, target: str | None) -> int:
 def _stopped(client: Client, by: str) -> dict[str, Any] | Exception:
     try:
         with client:
-            return client.stop(by)
+            return dict(client.ask("POST", "/api/stop", by=by))
     except (NoDaemon, Refusal) as error:
         return error
 

@@ -39,10 +39,6 @@ class NoDaemon(Exception):
     """No daemon answers there."""
 
 
-class OtherVersion(NoDaemon):
-    """The process there does not speak HTTP: a daemon of an earlier version, as a rule."""
-
-
 class Refusal(Faults):
     """A request that the daemon refuses: an HTTP status, and a line for each fault."""
 
@@ -70,28 +66,6 @@ class Client:
         self._send(method, path, body)
         return self._answer(*self._head())
 
-    def ask_earlier(self, do: str, **more: Any) -> dict[str, Any]:
-        """Return the answer to a request in the form of earlier versions, a line of JSON. Raises as `ask` does."""
-        with Client(self.path, self._socket.gettimeout() or ANSWER_S) as anew:
-            anew._write(json.dumps({"do": do, **more}).encode() + b"\n")
-            try:
-                answer = json.loads(anew._line())
-            except ValueError:
-                raise OtherVersion(f"the process at {self.path} is no daemon") from None
-        if not answer.pop("ok", False):
-            raise Refusal(answer.get("status", FAILED), answer.get("faults") or [NO_REASON])
-        return dict(answer)
-
-    def stop(self, by: str) -> dict[str, Any]:
-        """Switch the output off and return the answer, of a daemon of an earlier version as well. Raises as `ask`."""
-        try:
-            return dict(self.ask("POST", "/api/stop", by=by))
-        except OtherVersion as other:
-            try:
-                return self.ask_earlier("stop", by=by)
-            except (NoDaemon, Refusal) as error:
-                raise OtherVersion(f"{other}; it took no stop in the earlier form either: {error}") from None
-
     def events(self, timeout_s: float | None = None) -> Iterator[dict[str, Any]]:
         """Yield {"event": name, "data": {...}} from now on, the state first. Raises as `ask`, also when the daemon
         ends."""
@@ -116,11 +90,8 @@ class Client:
     def _send(self, method: str, path: str, body: dict[str, Any]) -> None:
         content = json.dumps(body).encode() if body else b""
         head = f"{method} {path} HTTP/1.1\r\nHost: peltier\r\nContent-Length: {len(content)}\r\n\r\n"
-        self._write(head.encode() + content)
-
-    def _write(self, content: bytes) -> None:
         try:
-            self._socket.sendall(content)
+            self._socket.sendall(head.encode() + content)
         except OSError as error:
             raise NoDaemon(f"the daemon at {self.path} has gone ({error})") from None
 
@@ -132,7 +103,7 @@ class Client:
                 name, _, value = line.partition(":")
                 length = int(value) if name.lower() == "content-length" else length
         except (ValueError, IndexError):
-            raise OtherVersion(self._other_version()) from None
+            raise NoDaemon(f"the process at {self.path} is no daemon of this version{self._how_to_end()}") from None
         return status, length
 
     def _answer(self, status: int, length: int) -> Any:
@@ -144,13 +115,12 @@ class Client:
             raise Refusal(status, answer.get("faults") or [NO_REASON])
         return answer
 
-    def _other_version(self) -> str:
-        kill = ""
-        if hasattr(socket, "SO_PEERCRED"):  # of Linux: the number of the process that listens
-            number = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 4)
-            kill = f" (`kill {int.from_bytes(number, sys.byteorder)}`)"
-        what = f"is no daemon of this version: end it{kill}, which switches its output off, and start it anew"
-        return f"the process at {self.path} {what}"
+    def _how_to_end(self) -> str:
+        """Return how to end the process that listens, where its number is known (Linux)."""
+        if not hasattr(socket, "SO_PEERCRED"):
+            return ""
+        number = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 4)
+        return f": end it (`kill {int.from_bytes(number, sys.byteorder)}`), which switches its output off"
 
     def _line(self) -> str:
         try:

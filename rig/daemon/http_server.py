@@ -9,10 +9,9 @@ may not name files of this computer. Only on the Unix socket there are also
     GET /daemon          process number, configuration, ports, and the settings of the page, tokens included
     POST /api/jobs {"path": "...", "out": "..."}    files of this computer
 
-A STOP is never refused, whatever its headers and its body are. A client that has been running since before an update
-may send a line of JSON, as earlier versions did: a STOP is taken from it, and nothing else. If too many are connected,
-the connection that has been silent for longest is closed, so that there is always room for a STOP. Socket and folder
-belong to one user (mode 0600): whoever may write to the socket may write to the ports as well.
+A STOP is never refused, whatever its headers and its body are. If too many are connected, the connection that has been
+silent for longest is closed, so that there is always room for a STOP. Socket and folder belong to one user (mode 0600):
+whoever may write to the socket may write to the ports as well.
 
 A name belongs to the holder of the lock on NAME.lock beside the socket; nobody else removes that socket, because a
 daemon that starts, or is slow, does not answer either.
@@ -48,8 +47,7 @@ from rig.daemon.latch import NotCleared
 
 STOP = "/api/stop"
 FOR = "X-Peltier-For"  # who asks through the page's process
-STOP_LINE = re.compile(rb'POST\s+/+api/stop[\s?]|\{.*"do"\s*:\s*"stop"', re.DOTALL)  # today's; a line of JSON
-OTHER_VERSION = "the program is of another version: start it anew"
+STOP_LINE = re.compile(rb"POST\s+/+api/stop[\s?]")
 LONGEST_BODY, DIGITS = 2_000_000, 10  # bytes: a configuration of 1 MB, escaped; of a length
 MOST_CONNECTIONS = 64
 TRY_AGAIN_S = 0.1  # if no connection can be accepted for want of descriptors
@@ -196,15 +194,6 @@ def _text(body: Body, key: str, otherwise: str) -> str:
     return value
 
 
-def _stop_in(line: bytes) -> Body:
-    """Return the object in a client's line of JSON; an empty one if the line is no valid JSON."""
-    try:
-        body = parsed_json(line)
-    except ValueError:
-        return {}
-    return body if isinstance(body, dict) else {}
-
-
 class UnixServer:
     """Takes the name when it is made, and answers from `start` to `close`, a thread for each connection. Raises
     PortHeld if another daemon has the name."""
@@ -325,17 +314,10 @@ class _Connection(BaseHTTPRequestHandler):
         """Refuse a request whose head cannot be read, as JSON, and close the connection; but take a STOP."""
         self.close_connection = True
         self.server.mark(self.connection, math.inf)
-        line, former = self.raw_requestline, self.raw_requestline.startswith(b"{")
-        status: int = code
-        answer: Body = {"faults": [OTHER_VERSION if former else f"request: {message or explain}"]}
-        if STOP_LINE.match(line):
-            status, answer = self._answer("POST", STOP, _stop_in(line) if former else {}, None)
-        if not former:
-            self._send(status, answer)
-            return
-        # an earlier client that waits for events passes over one without a name; then it notices that the stream ends
-        answer = {"ok": status == OK, "status": status, "event": "", "data": {}, **answer}
-        self.wfile.write(encoded(answer) + b"\n")
+        if STOP_LINE.match(self.raw_requestline):
+            self._send(*self._answer("POST", STOP, {}, None))
+        else:
+            self._send(code, {"faults": [f"request: {message or explain}"]})
 
     def _send(self, status: int, answer: Any) -> None:
         content = encoded(answer)

@@ -181,7 +181,7 @@ def stop(place: Place) -> Answer:
     """Switch the output off; in every other case say that this is not confirmed."""
     try:
         with Client(place()) as client:
-            answer = client.stop(BY)
+            answer = client.ask("POST", "/api/stop", by=BY)
     except (NoDaemon, Refusal) as error:
         return Answer(False, f"{BY_HAND}: {error}")
     if not answer.get("confirmed"):

@@ -32,16 +32,6 @@ def test_a_daemon_that_does_not_answer_yet_keeps_its_socket(tmp_path: Path) -> N
     UnixServer(path).close()
 
 
-def test_what_a_killed_daemon_left_is_taken(tmp_path: Path) -> None:
-    path = tmp_path / "bench.sock"
-    killed = UnixServer(path)
-    os.close(killed._name_lock)  # as the system does
-    second = UnixServer(path)
-    assert path.is_socket()
-    second.close()
-    killed._listener.close()
-
-
 def test_a_place_without_locks_is_not_told_as_one_that_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def none(descriptor: int, operation: int) -> None:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
@@ -102,39 +92,6 @@ def sent(server: UnixServer, content: bytes) -> bytes:
             while part := end.recv(65536):
                 found += part
         return found
-
-
-@pytest.mark.parametrize(
-    ("line", "by"),
-    [
-        (b'{"do": "stop", "by": "EPICS", "press": "one"}\n', "EPICS"),
-        (b'{"do":"stop"}\n', None),
-        (b'{"by": "x HTTP/1.1", "do": "stop"}\n', "x HTTP/1.1"),
-        (b'{"do": "stop", "by": "\\ud800"}\n', None),
-        (b'{"do": "stop", "by": "' + b"x" * 70_000 + b'"}\n', None),
-    ],
-)
-def test_a_client_from_before_an_update_can_stop(
-    stops: tuple[UnixServer, list[dict[str, Any]]], line: bytes, by: str | None
-) -> None:
-    """`peltier epics` that has run since before an update speaks lines of JSON; its STOP must not be lost."""
-    server, taken = stops
-    answer = sent(server, line)
-    assert (answer.count(b"\n"), json.loads(answer)["confirmed"], json.loads(answer)["ok"]) == (1, True, True)
-    assert [(stop["remote"], stop.get("by")) for stop in taken] == [(None, by)]
-
-
-def test_a_client_from_before_an_update_is_told_to_be_started_anew(
-    stops: tuple[UnixServer, list[dict[str, Any]]],
-) -> None:
-    server, taken = stops
-    for line in (b'{"do": "state"}\n', b'{"do": "subscribe"}\n', b'{"do": "submit", "text": "\\"do\\": \\"stop\\""}\n'):
-        answer = sent(server, line)
-        assert answer.count(b"\n") == 1
-        told = json.loads(answer)
-        assert told["faults"] == ["the program is of another version: start it anew"]
-        assert (told["ok"], told["event"], told["data"]) == (False, "", {})  # as its events are read
-    assert not taken
 
 
 @pytest.mark.parametrize(
