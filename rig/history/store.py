@@ -6,7 +6,7 @@
     kept          numbers that a restart needs: how far the roll-ups are, and the aging clock
 
 Times are Unix seconds: a label, never a basis of control. Not-a-number is NULL; an overrange resistance is infinite.
-`written_s` and `aged_s` are the clock by which rows grow old (`rig.history.aging`); NULL in rows of older programs.
+`written_s` and `aged_s` are the clock by which rows grow old (`rig.history.aging`).
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ WORDS = ("quality", "phase", "job")
 RAW_COLUMNS = ("time_s", *KEPT, *WORDS)
 BUCKETS_S = {"minute": 60, "hour": 3600}  # width of a roll-up's bucket, s
 ROLLED = tuple(f"{name}_{of}" for name in KEPT for of in ("mean", "low", "high"))
-COLUMNS = {  # without written_s, which tables of older programs lack
-    "raw": ("id", *RAW_COLUMNS),
-    **dict.fromkeys(BUCKETS_S, ("start_s", "count", *ROLLED)),
+COLUMNS = {
+    "raw": ("id", *RAW_COLUMNS, "written_s"),
+    **dict.fromkeys(BUCKETS_S, ("start_s", "count", *ROLLED, "written_s")),
     "job": ("id", "queued_s", "document"),
     "trip": ("id", "at_s", "document"),
     "kept": ("name", "value"),
@@ -193,7 +193,7 @@ class Store:
         last = self._connection.execute("SELECT max(id) FROM raw").fetchone()[0]
         if last is None:
             return
-        done = self._rolled_up_to(table)
+        done = self._number(f"rolled_{table}") or 0
         starts = self._connection.execute(
             f"SELECT DISTINCT cast(time_s / {width_s} AS INTEGER) * {width_s} FROM raw WHERE id > ?",
             (done if done <= last else 0,),
@@ -209,16 +209,6 @@ class Store:
             [{"start": start, "aged": aged_s, "whole": whole_s} for (start,) in starts],
         )
         self._keep_number(f"rolled_{table}", last)
-
-    def _rolled_up_to(self, table: str) -> int:
-        """Return the id of the last row in a roll-up."""
-        known = self._number(f"rolled_{table}")
-        if known is not None:
-            return int(known)
-        first = self._connection.execute(  # of an older program, which went by the labels
-            f"SELECT min(id) FROM raw WHERE time_s >= (SELECT coalesce(max(start_s), -1e300) FROM {table})"
-        ).fetchone()[0]
-        return int(first) - 1 if first is not None else 0
 
     def retain(self, now_s: float, aged_s: float | None = None) -> int:
         """Delete some of the rows that are too old; return how many.
@@ -363,9 +353,6 @@ def _create_tables(connection: sqlite3.Connection) -> None:
     for name, columns in tables.items():
         connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({columns})")
     connection.execute("CREATE INDEX IF NOT EXISTS raw_time ON raw (time_s)")
-    for name in ("raw", *BUCKETS_S):
-        if "written_s" not in {row[1] for row in connection.execute(f"PRAGMA table_info({name})")}:
-            connection.execute(f"ALTER TABLE {name} ADD COLUMN written_s REAL")  # of an older program
     if _version(connection) < VERSION:
         connection.execute(f"PRAGMA user_version = {VERSION}")
 

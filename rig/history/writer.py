@@ -194,7 +194,7 @@ class Writer:
                 time.sleep(LEAVE_S / 20.0)
             if ends_s is not None and (not self._waiting or time.monotonic() > ends_s):
                 if self.store is not None:
-                    self._done(lambda store: store.roll_up(0.0, everything=True, aged_s=self._aged.aged_s()))
+                    self._done(lambda store: store.roll_up(0.0, everything=True, aged_s=self._aged.aged_s))
                     self._close()  # unless the roll-up found it gone
                 return
 
@@ -223,7 +223,7 @@ class Writer:
             return done
         new = [row for row in head if not row.shown]
         self._follow(new)
-        done = not head or self._done(lambda store: store.add((row.row for row in head), self._aged.aged_s()))
+        done = not head or self._done(lambda store: store.add((row.row for row in head), self._aged.aged_s))
         if done:
             self._take_out(len(head))
         self._show(new)
@@ -253,7 +253,7 @@ class Writer:
 
     def _tidy(self, last: _Row) -> None:
         """Roll up, delete old rows from time to time, and check the size of the log."""
-        now_s, aged_s = float(last.row["time_s"]), self._aged.aged_s()
+        now_s, aged_s = float(last.row["time_s"]), self._aged.aged_s
         rolled = self._done(lambda store: store.roll_up(now_s, aged_s=aged_s))
         if rolled and abs(last.clock_s - self._tidied_s) >= RETAIN_EVERY_S:
             self._tidied_s = last.clock_s

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sqlite3
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.history.aging import CATCH_UP, STEADY_S, Age, AgingClock, followed, jump_s
+from rig.history.aging import CATCH_UP, STEADY_S, AgingClock
 from rig.history.store import DAY_S, Retention, Store, connect_to_read
 from rig.history.writer import Writer
 
@@ -113,15 +112,17 @@ def test_a_jump_back_into_hours_whose_rows_are_gone_leaves_their_roll_ups(tmp_pa
     steps=st.lists(st.tuples(st.floats(0.0, 4000.0), st.floats(-1e8, 1e8) | st.just(0.0)), min_size=1, max_size=60),
 )
 def test_the_aged_clock_never_runs_faster_than_it_may(steps: list[tuple[float, float]]) -> None:
-    age = Age(NOON_S, NOON_S, 0.0)
-    wall_s, clock_s, since_jump_s = NOON_S, 0.0, 0.0
+    clock = AgingClock()
+    clock.row(NOON_S, 0.0)
+    wall_s, clock_s, since_jump_s, before_s = NOON_S, 0.0, 0.0, NOON_S
     for passed_s, off_s in steps:
         wall_s, clock_s = wall_s + passed_s + off_s, clock_s + passed_s
-        since_jump_s = 0.0 if abs(jump_s(age, wall_s, clock_s)) else since_jump_s + passed_s
-        before_s, age = age.aged_s, followed(age, wall_s, clock_s)
+        since_jump_s = 0.0 if clock.row(wall_s, clock_s) else since_jump_s + passed_s
         most_s = passed_s * (CATCH_UP if since_jump_s >= STEADY_S else 1.0)
-        assert age.aged_s - before_s <= most_s + 1e-6
-        assert age.aged_s <= max(before_s, wall_s)
+        assert clock.aged_s is not None
+        assert clock.aged_s - before_s <= most_s + 1e-6
+        assert clock.aged_s <= max(before_s, wall_s)
+        before_s = clock.aged_s
 
 
 def test_a_server_that_slews_and_a_busy_computer_are_no_jump() -> None:
@@ -130,20 +131,4 @@ def test_a_server_that_slews_and_a_busy_computer_are_no_jump() -> None:
     for k in range(10_000):
         wall_s += 1.0005
         assert clock.row(wall_s + (4.0 if k % 100 == 50 else 0.0), float(k)) == 0.0
-    aged_s = clock.aged_s()
-    assert aged_s is not None
-    assert aged_s == pytest.approx(wall_s, abs=6.0)
-
-
-def test_tables_of_an_older_program_are_taken_on(tmp_path: Path) -> None:
-    path = tmp_path / "h.sqlite"
-    life(path, even(NOON_S, 7200.0, 60.0))
-    connection = sqlite3.connect(path)
-    for table in ("raw", "minute", "hour"):
-        connection.execute(f"ALTER TABLE {table} DROP COLUMN written_s")
-    connection.execute("DROP TABLE kept")
-    connection.commit()
-    connection.close()
-    life(path, even(NOON_S + 7200.0, 7200.0, 60.0))
-    assert len(labels(path)) == 240
-    assert labels(path, "hour", "count") == [60] * 4
+    assert clock.aged_s == pytest.approx(wall_s, abs=6.0)
