@@ -35,9 +35,11 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
     file = read_configuration(options.config, for_experiment=False)
     require_who_switches_off(file, guard, options.unguarded)
     from rig.bench.assembly import open_bench
+    from rig.control.decision import Onlooker
     from rig.drivers.registry import controller_class
     from rig.experiment.phases import expected_calibration
-    from rig.experiment.session import Session, calibrate, watched_by
+    from rig.experiment.run_record import Session
+    from rig.experiment.session import calibrate, expect
     from rig.report.run import write_live_report
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
@@ -50,8 +52,9 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
         open_bench(file, guard) as bench,
     ):
         signals.look()
-        session = Session(bench, file, signals, terminal.print, report=write_live_report)
-        result = calibrate(watched_by(progress, session, expected_calibration(file.content)), path)
+        session = Session(bench, file, signals, terminal.print, progress or Onlooker(), write_live_report)
+        expect(session, expected_calibration(file.content))
+        result = calibrate(session, path)
     terminal.print(off_confirmed(controller_class(file.content.bench.controller.driver)))
     terminal.print(f"model: {result.model_path}")
     terminal.print(f"report: {path / 'report.html'}")

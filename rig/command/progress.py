@@ -8,19 +8,18 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from rig.control.decision import Onlooker, Phases, Tick
 from rig.core.streams import PatientLine, TerminalLine
 from rig.daemon.status_text import clock, number, resistance
 from rig.drivers.controller import OF_FULL_DRIVE
 
 if TYPE_CHECKING:
-    from rig.control.decision import Tick
     from rig.core.reading import Reading
-    from rig.experiment.phases import Phases
 
 
-class Progress:
-    """An onlooker (`rig.experiment.phases`) that shows the progress of an experiment in a line. virtual: True if its
-    time is simulated, which the line then says."""
+class Progress(Onlooker):
+    """Shows the progress of an experiment in a line. virtual: True if its time is simulated, which the line then
+    says."""
 
     def __init__(self, line: TerminalLine | PatientLine, virtual: bool = False) -> None:
         self._line, self._about = line, "a simulated" if virtual else "about"
@@ -30,8 +29,6 @@ class Progress:
         self._drive_unit, self._quantity = "A", "resistance_ohm"
 
     def expect(self, phases: Phases, drive_unit: str, quantity: str) -> None:
-        """Take the phases to come. drive_unit: "A", or a heater's; quantity: column of the meter, "" if there is
-        none."""
         self._coming = list(phases)
         self._drive_unit, self._quantity = drive_unit, quantity
 

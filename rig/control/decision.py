@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from rig.core.reading import Reading
-from rig.safety.bench_watch import BenchWatch
+
+if TYPE_CHECKING:  # a progress line loads none of it
+    from rig.safety.bench_watch import BenchWatch
 
 
 @dataclass(frozen=True)
@@ -95,9 +96,6 @@ class Ticks:
     unacknowledged: int = 0
 
 
-Progress = Callable[[str, float, float], None]  # phase, seconds done, seconds in all
-
-
 @dataclass(frozen=True)
 class Tick:
     """One tick: time of the run (s), readings with quality, the test current at the ohmmeter's reading, the command
@@ -111,3 +109,26 @@ class Tick:
     current_A: float
     decision: Decision
     watch: BenchWatch
+
+
+Phases = list[tuple[str, float]]  # each with the seconds that it is expected to take
+
+
+class Onlooker:
+    """Whoever shows how far an experiment is, over all its runs; this one does nothing."""
+
+    def expect(self, phases: Phases, drive_unit: str, quantity: str) -> None:
+        """Take the phases to come. drive_unit: "A", or a heater's; quantity: column of the meter, "" if there is
+        none."""
+
+    def began(self) -> None:
+        """Take that a loop has the bench from now on."""
+
+    def phase(self, name: str, done_s: float, of_s: float) -> None:
+        """Take how far a phase is; once, at its begin, with 0 s done."""
+
+    def tick(self, tick: Tick) -> None:
+        """Take a tick, whose row is written."""
+
+    def ended(self, off_confirmed: bool, ticks: Ticks) -> None:
+        """Take that the loop is over and the output commanded off."""

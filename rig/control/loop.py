@@ -14,11 +14,11 @@ Nothing is computed with the output on: what takes longer than a tick is done be
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rig.bench.assembly import Bench
-from rig.control.decision import Decision, Policy, Predicts, Progress, Tick, Ticks, read_at
+from rig.control.decision import Decision, Onlooker, Policy, Predicts, Tick, Ticks, read_at
 from rig.control.meter_readings import MeterReadings
 from rig.control.own_law import kept_law
 from rig.control.sender import Sender
@@ -41,9 +41,9 @@ TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: 
 class Loop:
     """Loop of one bench and one run folder, phase after phase.
 
-    on_tick: called with every tick when its row is written. tripped: the trip that ended this loop, which runs no
-    further phase. rejected: number of readings of each instrument that were not credible. signals: looked at before
-    anything is sent. averaged: integrations of a meter's reading; None: as many as a period has room for.
+    tripped: the trip that ended this loop, which runs no further phase. rejected: number of readings of each instrument
+    that were not credible. signals: looked at before anything is sent. averaged: integrations of a meter's reading;
+    None: as many as a period has room for.
     """
 
     def __init__(
@@ -52,8 +52,7 @@ class Loop:
         limits: Limits,
         folder: RunFolder,
         signals: SignalStop,
-        progress: Progress | None = None,
-        on_tick: Callable[[Tick], None] | None = None,
+        onlooker: Onlooker,
         averaged: int | None = None,
     ) -> None:
         self.bench = bench
@@ -63,9 +62,8 @@ class Loop:
         self.tripped: Tripped | None = None
         self.status_at_trip = ""
         self.rejected = {"thermometer": 0, "ohmmeter": 0}
-        self._progress = progress
         self._acts_after_s = 0.0
-        self._on_tick = on_tick
+        self._onlooker = onlooker
         self._signals = signals
         self._start_s = bench.clock.now_s()
         self._output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
@@ -148,6 +146,7 @@ class Loop:
             self._begin_anew(begin)
         times = {"duration_s": duration_s, "period_s": period_s}
         self.folder.event(begin - self._start_s, "phase", name, **times, **own.entries)
+        self._onlooker.phase(name, 0.0, duration_s)
         count = max(1, math.ceil(duration_s / period_s - 1e-9))
         k = 0
         while k < count:
@@ -163,14 +162,13 @@ class Loop:
                 due = begin + k * period_s
             if self._tick(name, policy, begin - self._start_s, k, period_s):
                 break
-            if self._progress is not None and k % 16 == 0:
-                self._progress(name, k * period_s, duration_s)
+            if k % 16 == 15:
+                self._onlooker.phase(name, (k + 1) * period_s, duration_s)
             k += 1
         end = begin + min(k, count) * period_s
         self._readings.begin_for(end)
         clock.sleep_until_s(end)
-        if self._progress is not None:
-            self._progress(name, duration_s, duration_s)
+        self._onlooker.phase(name, duration_s, duration_s)
 
     def _begin_anew(self, now: float) -> None:
         """Arm the output anew after a while without a current and without a reading.
@@ -233,9 +231,8 @@ class Loop:
             self.folder.flush()
         self.ticks.done += 1
         self._tell_guard(now)
-        if self._on_tick is not None:
-            seen = temperature, resistance, test_current_A
-            self._on_tick(Tick(now - self._start_s, name, *seen, self.sent.current_A, decision, self.watch))
+        seen = temperature, resistance, test_current_A
+        self._onlooker.tick(Tick(now - self._start_s, name, *seen, self.sent.current_A, decision, self.watch))
         self._readings.rest_took(self.bench.clock.now_s() - now)
         return decision.done
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rig.bench.assembly import Bench
-from rig.control.decision import Tick
+from rig.control.decision import Onlooker, Phases, Tick, Ticks
 from rig.core.errors import RigError
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, OfOutput, Stopped, Tripped, Unsuitable
@@ -21,9 +19,10 @@ from rig.daemon.job import RUNNING, Job, JobStopped, report_of
 from rig.daemon.output_lock import JobPass, StoppableClock
 from rig.experiment.calibration import Calibration
 from rig.experiment.feasibility import target_and_model
-from rig.experiment.phases import Phases, expected_calibration, expected_run, still_to_come
-from rig.experiment.session import Session, calibrate, run_on
-from rig.records.run_folder import RunFolder, part_of, prepared_folder
+from rig.experiment.phases import expected_calibration, expected_run, still_to_come
+from rig.experiment.run_record import Session
+from rig.experiment.session import calibrate, run_on
+from rig.records.run_folder import part_of, prepared_folder
 from rig.report.run import write_live_report, write_missing_reports
 from rig.safety.after_off import UNTRUSTED_THERMOMETER, OffCheck
 from rig.safety.bench_watch import BenchWatch
@@ -73,31 +72,7 @@ def _is_folder(path: Path) -> bool:
         return False
 
 
-class ObservedFolder(RunFolder):
-    """A run folder that reports a run's begin, phases and end to its job."""
-
-    def __init__(
-        self, job: JobRun, path: Path, start: dict[str, Any], configuration_text: str, columns: list[str]
-    ) -> None:
-        super().__init__(path, start, configuration_text, columns)
-        self._job = job
-        try:
-            job.began()
-        except BaseException:  # a job that was ended without its thread
-            self.abandon()
-            raise
-
-    def event(self, time_s: float, kind: str, text: str, **more: Any) -> None:
-        super().event(time_s, kind, text, **more)
-        if kind == "phase":
-            self._job.phase(text, float(more.get("duration_s", 0.0)))
-
-    def stop(self, reason: str, **more: Any) -> None:
-        self._job.ended(more.get("output_off_confirmed"), more.get("ticks", {}))
-        super().stop(reason, **more)
-
-
-class JobRun:
+class JobRun(Onlooker):
     """A job, the bench it runs on, and the lock that keeps the idle loop off it meanwhile."""
 
     def __init__(self, commands: CommandQueue, bench: Bench, job: Job, idle_lock: threading.RLock) -> None:
@@ -153,17 +128,16 @@ class JobRun:
         if lines := file.strangers(self._raw.identities):  # the bench may have come back as another one
             raise Faults(lines)
         self._configure(file.content)
-        make = partial(ObservedFolder, self)
-        session = Session(self._bench, file, SignalStop(), self._say, None, self.tick, make, write_live_report)
+        session = Session(self._bench, file, SignalStop(), self._say, self, write_live_report)
         calibration: Calibration | None
         if job.kind == CALIBRATION:
-            self.expect(expected_calibration(file.content))
+            self._expect(expected_calibration(file.content))
             with prepared_folder(job.out):
                 calibration = calibrate(session, job.out)
             job.folder, job.result = calibration.model_path.parent, calibration.document()
         else:
             target, model = target_and_model(file, self._say)
-            self.expect(expected_run(file.content, target, model))
+            self._expect(expected_run(file.content, target, model))
             with prepared_folder(job.out):
                 result = run_on(session, job.out, target, model)
             job.folder, job.result, calibration = result.folder, result.document(), result.calibration
@@ -233,24 +207,26 @@ class JobRun:
             self._commands.output_now("on")
         self._commands.changed()
 
-    def expect(self, phases: Phases) -> None:
+    def _expect(self, phases: Phases) -> None:
         """Set the phases to come, each with its seconds."""
         self._pass.check_void()
         self._coming = phases
         self._commands.coming_s = sum(seconds for _, seconds in phases)
 
-    def phase(self, name: str, duration_s: float) -> None:
+    def phase(self, name: str, done_s: float, of_s: float) -> None:
         """Note the beginning of a phase.
 
         With the first one after `condition`, which may come in parts, the film's memory is known: the conditioning has
         ended, at its hot end.
         """
+        if done_s > 0.0:
+            return
         commands = self._commands
         if self._conditioning and name != CONDITION and commands.memory_since_s is None:
             commands.memory_since_s = commands.label_s()
         self._conditioning = name == CONDITION
-        self.expect(still_to_come(self._coming, name))
-        commands.phase = (name, commands.clock.now_s(), duration_s)
+        self._expect(still_to_come(self._coming, name))
+        commands.phase = (name, commands.clock.now_s(), of_s)
         commands.changed()
 
     def tick(self, tick: Tick) -> None:
@@ -270,17 +246,17 @@ class JobRun:
             }
         )
 
-    def ended(self, confirmed: bool | None, ticks: Mapping[str, Any]) -> None:
+    def ended(self, off_confirmed: bool, ticks: Ticks) -> None:
         """Note that the loop is over and the output was commanded off; ticks: how punctual it was."""
         commands = self._commands
         if self._pass.void is not None:
             return
-        commands.output_now("off", bool(confirmed))
-        if confirmed and self._last is not None:
+        commands.output_now("off", off_confirmed)
+        if off_confirmed and self._last is not None:
             watch, current_A = self._last
             curves = watch.after_off(current_A, LOOK_S)
             commands.off_check = OffCheck(curves, self._bench.clock.now_s()) if curves is not None else None
-        commands.ticks.missed += int(ticks.get("missed", 0))
-        commands.ticks.unwatched_s = max(commands.ticks.unwatched_s, float(ticks.get("unwatched_s", 0.0)))
+        commands.ticks.missed += ticks.missed
+        commands.ticks.unwatched_s = max(commands.ticks.unwatched_s, ticks.unwatched_s)
         commands.in_loop, commands.phase = False, None
         commands.changed()

@@ -7,30 +7,19 @@ length when it begins, which replaces the guess.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Protocol
 
 from compensator.thermal.plate import PlateModel
 from rig.config.configuration import Configuration
 from rig.config.model_file import Model
 from rig.config.target import Target
-from rig.control.decision import Tick
+from rig.control.decision import Phases
 from rig.experiment.calibration import PULSE_S, calibration_range, fitted_and_checked, minor_turning_points
 from rig.experiment.feasibility import OWN_POLICY
-
-Phases = list[tuple[str, float]]
 
 POLARITY_S = 5.0  # of a plate whose thermometer answers at once
 ROOM_DEGC = 25.0
 USUAL_K_PER_S = 1.0  # of a plate that nobody has measured yet
 TRANSITION_SHARE = 0.4  # of the range that a calibration goes through
-
-
-class Onlooker(Protocol):
-    """Whoever shows how far an experiment is: takes the phases to come, then each as it goes on, and every tick."""
-
-    def expect(self, phases: Phases, drive_unit: str, quantity: str) -> None: ...
-    def phase(self, name: str, done_s: float, of_s: float) -> None: ...
-    def tick(self, tick: Tick) -> None: ...
 
 
 def still_to_come(phases: Phases, name: str) -> Phases:

@@ -33,6 +33,10 @@ from rig.records.run_folder import software_versions
 from rig.safety.plate_watch import watchable_rate_K_per_s
 
 MADE_BY = ("peltier-rig", "sources", "python", "numpy", "numba")  # what a command's bits depend on
+READ = (  # of each row
+    *("time_s", "temperature_degC", "resistance_time_s", "current_time_s", "acts_after_s", "tick"),
+    *("meter_current_A", "current_A", "setpoint_degC"),
+)
 FILES = ("config.toml", "record.csv", "model.toml", "target.csv", "run.json", "events.jsonl")
 
 
@@ -90,38 +94,27 @@ class RecordedLoop:
             return
         rows = self._rows_of_next()
         begin = self.phases.pop(0)["time_s"]
-        time, stamped = self.record["time_s"], self.record.has("current_time_s")
-        dated, timed = map(self.record.has, ("resistance_time_s", "acts_after_s"))
         for row in rows:
-            tick = self._tick(int(row), float(time[row] - begin), period_s)
-            degC, output = float(self.record["temperature_degC"][row]), float(self.outputs[row])
-            output_s = float(self.record["resistance_time_s"][row]) if dated else math.nan
-            acts_after_s = float(self.record["acts_after_s"][row]) if timed else 0.0
-            test_A = float(self.record["meter_current_A"][row])
-            read = read_at(begin, tick * period_s, float(time[row]), output_s, acts_after_s, test_A)
-            decision = policy.decide(tick * period_s, degC, output, read)
+            at = {name: float(self.record[name][row]) for name in READ}
+            tick_s = int(at["tick"]) * period_s
+            read_s = at["time_s"], at["resistance_time_s"], at["acts_after_s"]
+            read = read_at(begin, tick_s, *read_s, at["meter_current_A"])
+            decision = policy.decide(tick_s, at["temperature_degC"], float(self.outputs[row]), read)
             if decision.done or decision.wait:
                 continue
-            acted_s = float(self.record["current_time_s"][row]) if stamped else math.nan
-            if stamped and isinstance(policy, Predicts):
-                if math.isnan(acted_s):
-                    policy.held(float(self.record["current_A"][row]))
+            acknowledged = not math.isnan(at["current_time_s"])
+            if isinstance(policy, Predicts):
+                if acknowledged:
+                    policy.acted(at["current_time_s"] - begin)
                 else:
-                    policy.acted(acted_s - begin)
-            if stamped and math.isnan(acted_s):  # nobody acknowledged it
-                continue
-            sent = "setpoint_degC" if decision.use_setpoint else "current_A"
-            self._compare(getattr(decision, sent), float(self.record[sent][row]), float(time[row]))
+                    policy.held(at["current_A"])
+            if acknowledged:
+                sent = "setpoint_degC" if decision.use_setpoint else "current_A"
+                self._compare(getattr(decision, sent), at[sent], at["time_s"])
 
     def _rows_of_next(self) -> Any:
-        """Return the rows of the next phase: from its beginning on those of its name, as long as their ticks go on.
-
-        Of a record without ticks, return those until the phase after begins.
-        """
+        """Return the rows of the next phase: from its beginning on those of its name, as long as their ticks go on."""
         time, begin = self.record["time_s"], self.phases[0]["time_s"]
-        end = self.phases[1]["time_s"] if len(self.phases) > 1 else math.inf
-        if not self.record.has("tick"):
-            return np.flatnonzero((time >= begin) & (time < end))
         names, ticks = self.record.text_columns["phase"], self.record["tick"]
         first = self._row
         while first < time.size and (names[first] != self.phases[0]["text"] or time[first] < begin):
@@ -131,12 +124,6 @@ class RecordedLoop:
             last += 1
         self._row = last
         return np.arange(first, last)
-
-    def _tick(self, row: int, time_s: float, period_s: float) -> int:
-        """Return which tick of its phase a row is; rows of a record without ticks are on their grid."""
-        if self.record.has("tick"):
-            return int(self.record["tick"][row])
-        return math.floor(time_s / period_s)
 
     def _compare(self, now: float, then: float, time_s: float) -> None:
         replay = self.replay
@@ -232,11 +219,11 @@ def _start(path: Path, key: str) -> Any:
 
 def _record(path: Path) -> Record:
     """Read the run's rows. Raises Faults if a column is missing that the law saw or set."""
-    needs = ("temperature_degC", "meter_current_A", "current_A", "setpoint_degC")
-    record = read_record(path, needs=needs, options=False)
+    record = read_record(path, needs=("temperature_degC",), options=False)
     record = replace(record, columns=record.raw_columns())  # what the law saw
-    if "phase" not in record.text_columns:
-        raise fault(path, "phase", "missing; expected the column of a run's record")
+    for name in (*READ, "phase"):
+        if name not in (*record.columns, *record.text_columns):
+            raise fault(path, name, "missing; expected the column of a run's record")
     return record
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import numpy as np
 from rig.bench.assembly import Bench
 from rig.bench.output_off import OutputOff
 from rig.config.configuration import ConfigurationFile
-from rig.control.decision import Progress, Tick
+from rig.control.decision import Onlooker
 from rig.control.loop import Loop
 from rig.core.columns import OF_A_RUN
 from rig.core.faults import Faults
@@ -49,24 +49,24 @@ def limits_of(file: ConfigurationFile) -> Limits:
     return Limits(low, high, table.current_A, table.meter_current_A, table.stale_s, table.rate_K_per_s, table.runaway_s)
 
 
-@contextmanager
-def recorded(
-    bench: Bench,
-    file: ConfigurationFile,
-    signals: SignalStop,
-    path: Path,
-    what: str,
-    progress: Progress | None = None,
-    on_tick: Callable[[Tick], None] | None = None,
-    make_folder: Callable[[Path, dict[str, Any], str, list[str]], RunFolder] = RunFolder,
-    report: Report = no_report,
-    say: Callable[[str], None] | None = None,
-) -> Iterator[tuple[Loop, RunFolder]]:
-    """Open a run folder and a loop; at the end the output is off, and the reason is written down.
+@dataclass(frozen=True)
+class Session:
+    """A bench that is open, the configuration it was opened for, and how to talk to the user meanwhile. report: writes
+    a run's report."""
 
-    say: called when somebody has ended the run early, with the output off, before the temperature is watched for
-    seconds.
-    """
+    bench: Bench
+    file: ConfigurationFile
+    signals: SignalStop
+    say: Callable[[str], None]
+    onlooker: Onlooker = field(default_factory=Onlooker)
+    report: Report = no_report
+
+
+@contextmanager
+def one_run(session: Session, path: Path, what: str) -> Iterator[tuple[Loop, RunFolder]]:
+    """Open a run folder and a loop on the session's bench; at the end the output is off, and the reason is written
+    down."""
+    bench, file, signals, onlooker = session.bench, session.file, session.signals, session.onlooker
     start: dict[str, Any] = {
         "what": what,
         "configuration": str(file.path),
@@ -76,16 +76,22 @@ def recorded(
         "drive_unit": drive_unit(bench.controller),
         "guarded": bench.guard.guarding,
     }
-    folder = make_folder(path, start, file.text, _columns_of(bench))
+    folder = RunFolder(path, start, file.text, _columns_of(bench))
+    try:
+        onlooker.began()
+    except BaseException:  # a job that was ended without its thread
+        folder.abandon()
+        raise
     bench.guard.records(str(folder.part.absolute()))
     meter = file.content.bench.meter
-    loop = Loop(bench, limits_of(file), folder, signals, progress, on_tick, meter.average if meter else None)
+    loop = Loop(bench, limits_of(file), folder, signals, onlooker, meter.average if meter else None)
     output = OutputOff(bench.controller, file.content.bench.controller, bench.guard, signals)
     try:
         with output:
             yield loop, folder
         _look_after_off(bench, loop, output)
         loop.leave_meter()
+        onlooker.ended(bool(output.confirmed), loop.ticks)
         folder.stop("done", **_ending(loop, output))
     except BaseException as error:
         if isinstance(error, Tripped):
@@ -95,10 +101,14 @@ def recorded(
         ended_s = loop.elapsed_s()
         try:
             if not isinstance(error, NotConfirmedOff):
-                _look_after_off(bench, loop, output, error, say)
+                _look_after_off(bench, loop, output, error, session.say)
         except NotConfirmedOff as withdrawn:
             error = withdrawn
-        for step in (folder.flush, partial(_write_reason, folder, loop, output, error, ended_s), folder.abandon):
+        for step in (
+            folder.flush,
+            partial(_write_reason, onlooker, folder, loop, output, error, ended_s),
+            folder.abandon,
+        ):
             try:
                 step()
             except (OSError, ValueError) as problem:  # full, gone, or closed with rows that found no room
@@ -106,7 +116,7 @@ def recorded(
         with suppress(Exception):  # how the run ended is more important
             loop.leave_meter()
         if not bench.watched_after:
-            _write_report(folder, error, report)
+            _write_report(folder, error, session.report)
         raise error
 
 
@@ -189,12 +199,15 @@ def _ending(loop: Loop, output: OutputOff) -> dict[str, Any]:
     }
 
 
-def _write_reason(folder: RunFolder, loop: Loop, output: OutputOff, error: BaseException, ended_s: float) -> None:
+def _write_reason(
+    onlooker: Onlooker, folder: RunFolder, loop: Loop, output: OutputOff, error: BaseException, ended_s: float
+) -> None:
     """Write why the run ended. ended_s: when the output was off, of the run's time."""
     reason = getattr(error, "cause", None) or REASONS.get(type(error), type(error).__name__)
     folder.event(ended_s, "stop", str(error), cause=reason)
     if loop.tripped is not None:
         folder.keep("trip.json", trip_text(loop, loop.tripped))
+    onlooker.ended(bool(output.confirmed), loop.ticks)
     folder.stop(reason, text=str(error), **_ending(loop, output))
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
@@ -19,11 +19,11 @@ from compensator.control.law_step import LawName
 from compensator.thermal.plate import Kind
 from rig.analysis.error import COUNTED, Score, target_error
 from rig.analysis.prediction import needs_test_current
-from rig.bench.assembly import Bench, open_bench
+from rig.bench.assembly import open_bench
 from rig.config.configuration import Configuration, ConfigurationFile
 from rig.config.model_file import Model, write_model
 from rig.config.target import Target, target_column
-from rig.control.decision import Policy, Progress, Tick
+from rig.control.decision import Onlooker, Phases, Policy
 from rig.control.loop import Loop
 from rig.control.policies import Follow, Setpoints
 from rig.core.faults import fault
@@ -33,10 +33,10 @@ from rig.experiment.calibration import Calibration, identify_calibration, record
 from rig.experiment.compile_ahead import compile_ahead
 from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.feasibility import OWN_POLICY, TRACKING, check_feasible, target_and_model
-from rig.experiment.phases import Onlooker, Phases, expected_run
+from rig.experiment.phases import expected_run
 from rig.experiment.polarity import check_polarity
 from rig.experiment.repetitions import LEARNED, USED, Learning, read_correction, write_correction
-from rig.experiment.run_record import Report, no_report, recorded, worked_out
+from rig.experiment.run_record import Report, Session, no_report, one_run, worked_out
 from rig.experiment.tracking import design_document, law_and_design, plan_tracking, to_temperature, track
 from rig.guard.pipe import UNGUARDED, Guard
 from rig.records.record_file import write_columns
@@ -45,24 +45,6 @@ from rig.safety.plate_watch import watchable_rate_K_per_s
 from rig.safety.signals import SignalStop
 
 BEYOND = 1.1  # of the target's ends: a film off by 0.04 decades still finds its range
-
-
-@dataclass(frozen=True)
-class Session:
-    """A bench that is open, the configuration it was opened for, and how to talk to the user meanwhile.
-
-    on_tick: called with every tick of every run on it. make_folder: what makes a run folder, `RunFolder` or one's own
-    kind of it. report: writes a run's report.
-    """
-
-    bench: Bench
-    file: ConfigurationFile
-    signals: SignalStop
-    say: Callable[[str], None]
-    progress: Progress | None = None
-    on_tick: Callable[[Tick], None] | None = None
-    make_folder: Callable[[Path, dict[str, Any], str, list[str]], RunFolder] | None = None
-    report: Report = no_report
 
 
 @dataclass
@@ -94,14 +76,6 @@ class Result:
                 "rows_checked": found.rows_checked,
             },
         }
-
-
-def one_run(session: Session, path: Path, what: str) -> AbstractContextManager[tuple[Loop, RunFolder]]:
-    """Open a run folder and a loop on the session's bench; see `rig.experiment.run_record`."""
-    make = session.make_folder or RunFolder
-    bench, file, signals = session.bench, session.file, session.signals
-    watching = (session.progress, session.on_tick)
-    return recorded(bench, file, signals, path, what, *watching, make, session.report, session.say)
 
 
 def calibrate(session: Session, path: Path) -> Calibration:
@@ -151,18 +125,15 @@ def run(
     target, model = target_and_model(file, say)
     with prepared_folder(path), SignalStop() as signals, open_bench(file, guard) as bench:
         signals.look()
-        session = Session(bench, file, signals, say, report=report)
-        phases = expected_run(file.content, target, model)
-        return run_on(watched_by(onlooker, session, phases), path, target, model)
+        session = Session(bench, file, signals, say, onlooker or Onlooker(), report)
+        expect(session, expected_run(file.content, target, model))
+        return run_on(session, path, target, model)
 
 
-def watched_by(onlooker: Onlooker | None, session: Session, phases: Phases) -> Session:
-    """Return the session with an onlooker who shows how far it is; phases: those to come."""
-    if onlooker is None:
-        return session
+def expect(session: Session, phases: Phases) -> None:
+    """Let whoever shows how far it is know the phases to come."""
     meter, unit = session.bench.meter, drive_unit(session.bench.controller)
-    onlooker.expect(phases, unit, column_of(meter.output) if meter is not None else "")
-    return replace(session, progress=onlooker.phase, on_tick=onlooker.tick)
+    session.onlooker.expect(phases, unit, column_of(meter.output) if meter is not None else "")
 
 
 def run_on(session: Session, path: Path, target: Target, model: Model | None) -> Result:

@@ -18,10 +18,10 @@ from rig.bench.simulation import simulated_world
 from rig.config.configuration import ConfigurationFile, configuration_of
 from rig.config.effect_tables import add_effect_files, parse_effect, switch_effects
 from rig.config.toml_file import read_text, read_toml
+from rig.control.decision import Onlooker
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Tripped
 from rig.experiment.feasibility import target_of
-from rig.experiment.phases import Onlooker
 from rig.experiment.session import run
 from rig.records.record_file import read_record
 from rig.records.run_folder import part_of

@@ -34,7 +34,8 @@ from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, settled_reading
 from rig.experiment import session
 from rig.experiment.feasibility import target_and_model
-from rig.experiment.session import Session, run_on
+from rig.experiment.run_record import Session
+from rig.experiment.session import run_on
 from rig.experiment.simulation import read_effects, simulated_configuration, simulated_rig
 from rig.experiment.simulation import simulate as simulated
 from rig.guard.needed import require_who_switches_off

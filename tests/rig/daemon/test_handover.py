@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ OFF = {"state": "idle", "job": None, "output": "off", "output_confirmed": True, 
 NOT_CONFIRMED = {**OFF, "output": "unknown", "output_confirmed": False, "output_confirmed_by": None}
 NEXT_JOB = {**NOT_CONFIRMED, "state": "running", "job": {"id": "8"}}
 GONE = None
+Hand = Callable[["_Daemon"], tuple[int, str, str]]
 
 
 class _Daemon:
@@ -53,6 +55,42 @@ class _Daemon:
         yield {"event": "job", "data": job}
 
 
+class _Held:
+    """The daemon as the client that a `with` gives."""
+
+    def __init__(self, daemon: _Daemon) -> None:
+        self._daemon = daemon
+        self.path = daemon.path
+
+    def __enter__(self) -> Any:
+        return self
+
+    def __exit__(self, *what: object) -> None:
+        pass
+
+    def ask(self, method: str, at: str, /, **body: Any) -> dict[str, Any]:
+        return {"ports": ["/dev/one"]} if at == "/daemon" else self._daemon.ask(method, at, **body)
+
+    def events(self, silence_s: float) -> Any:
+        return self._daemon.events(silence_s)
+
+
+@pytest.fixture
+def hand(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Hand:
+    """Hand a run over to a daemon: its exit status, what it printed on stdout and on stderr."""
+
+    def over(daemon: _Daemon) -> tuple[int, str, str]:
+        monkeypatch.setattr(handover, "_ports", lambda config: {"/dev/one"})
+        monkeypatch.setattr(handover, "daemons", lambda: [_Held(daemon)])
+        monkeypatch.setattr(handover, "Client", lambda path, silence_s: _Held(daemon))
+        monkeypatch.setattr(handover, "GUARD_S", 0.01)
+        status = handover.handed_over("run", tmp_path / "config.toml", None)
+        assert status is not None
+        return (status, *capsys.readouterr())
+
+    return over
+
+
 @pytest.mark.parametrize(
     ("status", "state", "expected", "said"),
     [
@@ -71,20 +109,15 @@ def test_an_output_that_nobody_answers_for_outranks_the_jobs_status(
     state: dict[str, Any] | None,
     expected: int,
     said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
+    hand: Hand,
 ) -> None:
     daemon = _Daemon(status, state)
-    stand_in(daemon, monkeypatch)
-    assert handover.handed_over("run", tmp_path / "config.toml", None) == expected
-    out, err = capsys.readouterr()
+    found, out, err = hand(daemon)
+    assert found == expected
     assert said in (err if expected else out)
 
 
-def test_the_last_word_of_a_daemon_that_ends_with_its_job_counts(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_the_last_word_of_a_daemon_that_ends_with_its_job_counts(hand: Hand) -> None:
     """On SIGTERM it tells of the job's end and of its output, and may be gone before it is asked."""
 
     class Ends(_Daemon):
@@ -94,57 +127,44 @@ def test_the_last_word_of_a_daemon_that_ends_with_its_job_counts(
             yield {"event": "state", "data": OFF}
             raise NoDaemon("the daemon has ended")
 
-    stand_in(Ends(143, GONE), monkeypatch)
-    assert handover.handed_over("run", tmp_path / "config.toml", None) == 143
-    assert "output off, confirmed by the controller (the controller)" in capsys.readouterr().err
-
-
-def stand_in(daemon: _Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is the one that runs."""
-    monkeypatch.setattr(handover, "_ports", lambda config: {"/dev/one"})
-    monkeypatch.setattr(handover, "daemons", lambda: [_Held(daemon)])
-    monkeypatch.setattr(handover, "Client", lambda path, silence_s: _Held(daemon))
+    found, _, err = hand(Ends(143, GONE))
+    assert found == 143
+    assert "output off, confirmed by the controller (the controller)" in err
 
 
 @pytest.mark.parametrize("when", ["POST", "follow"])
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
-def test_a_signal_ends_the_job_from_the_moment_it_is_submitted(
-    when: str, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_signal_ends_the_job_from_the_moment_it_is_submitted(when: str, name: str, hand: Hand) -> None:
     daemon, number = _Daemon(0, OFF), getattr(signal, name, None)
     if number is None:
         pytest.skip(f"no {name} here")
     daemon.signals[when] = number
-    stand_in(daemon, monkeypatch)
-    assert handover.handed_over("run", tmp_path / "config.toml", None) == 128 + number
+    found, _, err = hand(daemon)
+    assert found == 128 + number
     assert daemon.asked == ["POST", "DELETE"]  # what answers has switched off, and says so: it may be gone then
-    assert f"stopped by {name}; output off, confirmed" in capsys.readouterr().err
+    assert f"stopped by {name}; output off, confirmed" in err
 
 
 @pytest.mark.parametrize(
     ("job", "said"),
     [("stopped", "the job had not begun"), ("running", "its output was off before the next job began")],
 )
-def test_another_jobs_output_is_no_matter_of_one_that_is_ended(
-    job: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_another_jobs_output_is_no_matter_of_one_that_is_ended(job: str, said: str, hand: Hand) -> None:
     daemon = _Daemon(0, {**NEXT_JOB, "output": "on", "output_confirmed": True})
     daemon.cancelled["state"], daemon.signals["follow"] = job, signal.SIGTERM
-    stand_in(daemon, monkeypatch)
-    assert handover.handed_over("run", tmp_path / "config.toml", None) == 128 + signal.SIGTERM
-    assert said in capsys.readouterr().err
+    found, _, err = hand(daemon)
+    assert found == 128 + signal.SIGTERM
+    assert said in err
 
 
-def test_a_daemon_that_goes_over_the_answer_may_have_begun_the_job(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_daemon_that_goes_over_the_answer_may_have_begun_the_job(hand: Hand) -> None:
     class Gone(_Daemon):
         def ask(self, method: str, at: str, /, **body: Any) -> dict[str, Any]:
             raise NoDaemon("the daemon has ended")
 
-    stand_in(Gone(0, OFF), monkeypatch)
-    assert handover.handed_over("run", tmp_path / "config.toml", None) == 11
-    assert "OUTPUT NOT CONFIRMED OFF" in capsys.readouterr().err
+    found, _, err = hand(Gone(0, OFF))
+    assert found == 11
+    assert "OUTPUT NOT CONFIRMED OFF" in err
 
 
 FREE = {**OFF, "no_job_because": [], "drive_unit": "A", "time_s": 3.0}
@@ -168,8 +188,7 @@ def test_a_job_that_waited_when_its_daemon_was_killed_never_began(
     told: list[dict[str, Any] | None],
     status: int,
     said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    hand: Hand,
     tmp_path: Path,
 ) -> None:
     class Killed(_Daemon):
@@ -180,19 +199,15 @@ def test_a_job_that_waited_when_its_daemon_was_killed_never_began(
                 yield {"event": "job", "data": ended} if state is None else {"event": "state", "data": state}
             raise NoDaemon("the daemon has ended")
 
-    stand_in(Killed(0, GONE), monkeypatch)
-    config = tmp_path / "config.toml"
-    assert handover.handed_over("run", config, None) == status
-    err = capsys.readouterr().err
+    found, _, err = hand(Killed(0, GONE))
+    assert found == status
     assert said in err
-    assert f"`peltier off {config}` switches the output off" in err
+    assert f"`peltier off {tmp_path / 'config.toml'}` switches the output off" in err
     assert ("submit it again" in err) == (status == 1)
 
 
 @pytest.mark.parametrize(("state", "status"), [("queued", 1), ("running", 11)])
-def test_a_job_that_waited_when_its_daemon_ended_never_began(
-    state: str, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_job_that_waited_when_its_daemon_ended_never_began(state: str, status: int, hand: Hand) -> None:
     """By itself: it ends the job before this one, lets its listeners go, and answers for a moment more."""
 
     class Ends(_Daemon):
@@ -209,9 +224,8 @@ def test_a_job_that_waited_when_its_daemon_ended_never_began(
                 return {"job": {"id": "7", "state": state}}
             return super().ask(method, at, **body)
 
-    stand_in(Ends(0, GONE), monkeypatch)
-    assert handover.handed_over("run", tmp_path / "config.toml", None) == status
-    err = capsys.readouterr().err
+    found, _, err = hand(Ends(0, GONE))
+    assert found == status
     assert ("the job never began" in err) == (status == 1)
     assert "runs/8" not in err  # another job's
 
@@ -228,8 +242,7 @@ def test_a_job_whose_daemon_was_killed_ends_as_its_guard_found(
     confirmed: bool | None,
     status: int,
     said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    hand: Hand,
     tmp_path: Path,
 ) -> None:
     """The guard writes it into the folder of the run that went on, which is known from the job's first word."""
@@ -245,10 +258,9 @@ def test_a_job_whose_daemon_was_killed_ends_as_its_guard_found(
                 write_end(str(folder), "process 5 died of SIGKILL; output off, confirmed", confirmed)
             raise NoDaemon("the daemon has ended")
 
-    monkeypatch.setattr(handover, "GUARD_S", 0.01)
-    stand_in(Killed(0, GONE), monkeypatch)
-    assert handover.handed_over("run", tmp_path / "config.toml", None) == status
-    assert said.format(folder=folder) in capsys.readouterr().err
+    found, _, err = hand(Killed(0, GONE))
+    assert found == status
+    assert said.format(folder=folder) in err
 
 
 @pytest.mark.parametrize(
@@ -264,8 +276,7 @@ def test_a_job_that_is_ended_while_its_daemon_ends(
     confirmed: bool,
     status: int,
     said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    hand: Hand,
     tmp_path: Path,
 ) -> None:
     """Nobody answers to the Ctrl-C: what is written of the run's end counts, not that of the calibration before it."""
@@ -282,27 +293,6 @@ def test_a_job_that_is_ended_while_its_daemon_ends(
             yield {"event": "job", "data": {"id": "7", "started_s": 1.0, "ended_s": None, "folder": str(folder)}}
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(handover, "GUARD_S", 0.01)
-    stand_in(Ending(0, GONE), monkeypatch)
-    assert handover.handed_over("run", tmp_path / "config.toml", None) == status
-    assert said in capsys.readouterr().err
-
-
-class _Held:
-    """The daemon as the client that a `with` gives."""
-
-    def __init__(self, daemon: _Daemon) -> None:
-        self._daemon = daemon
-        self.path = daemon.path
-
-    def __enter__(self) -> Any:
-        return self
-
-    def __exit__(self, *what: object) -> None:
-        pass
-
-    def ask(self, method: str, at: str, /, **body: Any) -> dict[str, Any]:
-        return {"ports": ["/dev/one"]} if at == "/daemon" else self._daemon.ask(method, at, **body)
-
-    def events(self, silence_s: float) -> Any:
-        return self._daemon.events(silence_s)
+    found, _, err = hand(Ending(0, GONE))
+    assert found == status
+    assert said in err

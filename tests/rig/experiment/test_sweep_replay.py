@@ -16,7 +16,7 @@ from scipy.io import netcdf_file
 from rig.bench.assembly import open_bench
 from rig.config.configuration import read_configuration
 from rig.control.loop import Loop
-from rig.experiment.session import Session, one_run
+from rig.experiment.run_record import Session, one_run
 from rig.safety.signals import SignalStop
 from rig.version import __version__, source_digest
 from tests.rig.small import write_bench

@@ -21,11 +21,14 @@ def bench(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[PageBench]
 @pytest.fixture
 def open_page(browser: Any, bench: PageBench) -> Iterator[Callable[..., Any]]:
     """Open the page; a script's error or a breach of the page's policy fails the test, any request off it too."""
+    from playwright.sync_api import expect
+
+    expect.set_options(timeout=60_000)  # of patience on a busy computer
     contexts, complaints = [], []
 
     def open_one(width: int = 1280, height: int = 900, **settings: Any) -> Any:
         context = browser.new_context(viewport={"width": width, "height": height}, **settings)
-        context.set_default_timeout(10_000)
+        context.set_default_timeout(60_000)
         contexts.append(context)
         page = context.new_page()
         page.on("pageerror", lambda fault: complaints.append(f"error: {fault}"))
