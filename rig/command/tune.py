@@ -18,8 +18,6 @@ from rig.core.faults import fault
 
 if TYPE_CHECKING:
     from compensator.control.design import Design
-    from compensator.control.law import Law
-    from compensator.control.margins import LimitCycle
     from rig.experiment.tuning import OwnTuning, WholeLaw
 
 
@@ -37,7 +35,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.config.configuration import read_configuration
     from rig.config.model_file import read_model
     from rig.experiment.tracking import design_document, law_and_design, timing_of
-    from rig.experiment.tuning import film_cycles, law_table, own_table, own_tuning, tuned_law
+    from rig.experiment.tuning import law_table, own_table, own_tuning, tuned_law
     from rig.records.film_output import column_of, in_decades, unit_of
 
     if options.report is not None:
@@ -61,24 +59,22 @@ def main(options: argparse.Namespace) -> int:
     own = own_tuning(configuration, model.film, model.plate)
     chosen = configuration.experiment.law
     name = chosen if chosen == "instrument_pid" else "full"
-    found, law, design = tuned_law(configuration, model, name, timing)
+    found, design = tuned_law(configuration, model, name, timing)
     _, by_output = law_and_design("pid", configuration, model.film, model.plate)
-    cycles = film_cycles(model.film, by_output, *configuration.limits.temperature_degC)
     if name == "full":
         _print_gains(terminal, "full: PID on temperature, output in K/s", design, ("1/s", "1/s^2"))
-    _print_margins(terminal, found, law)
+    _print_margins(terminal, found)
     unit = "A" if model.plate.kind == "peltier" else "of full drive"
     output = model.film.output
     what, per = "log R" if in_decades(output) else column_of(output), unit_of(output)
     _print_gains(
         terminal, f"pid: PID on {what} alone, output in {unit}", by_output, (f"{unit}/{per}", f"{unit}/({per} s)")
     )
-    terminal.print(f"  limit cycle from the film's hysteresis: {_cycles(cycles, 'K')}")
     _print_own_pid(terminal, own, configuration.bench.controller.driver)
     result = {
         "format": "peltier-tuning/2",
         name: {**design_document(design), "whole_law": law_table(found)},
-        "pid": {**design_document(by_output), "limit_cycles": [cycle.__dict__ for cycle in cycles]},
+        "pid": design_document(by_output),
         "instrument_pid_gains": own_table(own),
         "refused": found.refused,
     }
@@ -106,9 +102,7 @@ def _print_gains(terminal: Terminal, title: str, design: Design, units: tuple[st
     )
 
 
-def _print_margins(terminal: Terminal, found: WholeLaw, law: Law) -> None:
-    from rig.experiment.tuning import PLAY_K
-
+def _print_margins(terminal: Terminal, found: WholeLaw) -> None:
     t = found.timing
     terminal.print(
         f"{found.name}: the whole law (estimator, resistance through the inverse, temperature, delays, plate, film),\n"
@@ -140,19 +134,6 @@ def _print_margins(terminal: Terminal, found: WholeLaw, law: Law) -> None:
         f"  film at rest, within the band where the resistance is not fed back: gain margin {rest.gain_margin:.2f}, "
         f"Ms {rest.ms:.2f}"
     )
-    words = {
-        "play": (f"limit cycle if the film's loop is {2e3 * PLAY_K:.0f} mK wider than the model's", "K"),
-        "thermometer": ("limit cycle from the thermometer's steps", "K"),
-        "dead band": ("limit cycle from the driver's dead band", law_unit(law)),
-    }
-    for part, cycles in found.cycles.items():
-        text, unit = words[part]
-        terminal.print(f"  {text}: {_cycles(cycles, unit)}")
-
-
-def law_unit(law: Law) -> str:
-    """Return the unit of what a law commands."""
-    return "A" if law.plate.kind == "peltier" else "of full drive"
 
 
 def _or_dash(value: float) -> str:
@@ -161,13 +142,6 @@ def _or_dash(value: float) -> str:
 
 def _times(ratio: float) -> str:
     return "more than 100 times" if ratio == float("inf") else f"{ratio:.2f} times"
-
-
-def _cycles(cycles: list[LimitCycle], unit: str) -> str:
-    kept = [cycle for cycle in cycles if cycle.keeps]
-    if not kept:
-        return "none"
-    return ", ".join(f"+-{cycle.amplitude:.3g} {unit} every {cycle.period_s:.3g} s" for cycle in kept)
 
 
 def _print_own_pid(terminal: Terminal, own: OwnTuning, driver: str) -> None:

@@ -1,4 +1,4 @@
-"""`peltier tune`: gains, the margins of the whole law at the film's slopes, limit cycles, the controller's own PID.
+"""`peltier tune`: gains, the margins of the whole law at the film's slopes, the controller's own PID.
 
 Gains whose margins do not hold are refused, with what to lower to which value: the share of a reading that the
 resistance's feedback takes, or, if that is not enough, the temperature's gains. The gains of the controller's own PID
@@ -13,29 +13,19 @@ from dataclasses import asdict, dataclass, field, replace
 from itertools import groupby
 from typing import Any
 
-import numpy as np
-
-from compensator.control.design import Design, OwnPid, design_own_pid, sampled_loop, steepest_slope
+from compensator.control.design import Design, OwnPid, design_own_pid, steepest_slope
 from compensator.control.law import Law
 from compensator.control.law_step import LawName
 from compensator.control.linearization import Point, Timing, operating_points
 from compensator.control.margins import (
     NOISES_K,
     RATIOS,
-    LimitCycle,
     LoopMargins,
-    at_command,
-    at_ohmmeter,
-    at_thermometer,
-    backlash,
     critical_gain,
     critical_ratio,
-    dead_band,
     least,
-    limit_cycles,
     loop_margins_at,
     share_within,
-    steps,
     worst_ms,
 )
 from compensator.hysteresis.film import FilmModel
@@ -81,7 +71,6 @@ def own_pid(configuration: Configuration, film: FilmModel, plate: PlateModel) ->
 
 LARGEST_MS, LEAST_PHASE_DEG = 2.0, 30.0  # Ms 2: L keeps half its distance to -1, and bears a factor of 2 in gain
 MILDEST_MS = 1.1  # milder gains hardly follow
-PLAY_K = 0.1  # half a width: by so much a calibrated film's loop is wider or narrower than its model's
 
 
 @dataclass(frozen=True)
@@ -99,8 +88,7 @@ class Row:
 class WholeLaw:
     """One law's margins, of a film on its way up and down. rings_at_ratio, rings_at_gain: the film's slope and the
     plate's answer, over the model's, from which it rings on. rest: the least margins of a film at rest, within the band
-    where the resistance is not fed back. cycles: by the part that brings them. refused: lines, none where the margins
-    hold."""
+    where the resistance is not fed back. refused: lines, none where the margins hold."""
 
     name: LawName
     most_share: float
@@ -110,11 +98,10 @@ class WholeLaw:
     rings_at_gain: float
     rest: LoopMargins
     points: list[Point]
-    cycles: dict[str, list[LimitCycle]]
     refused: list[str] = field(default_factory=list)
 
 
-def whole_law(configuration: Configuration, model: Model, law: Law, timing: Timing, own: OwnPid | None) -> WholeLaw:
+def whole_law(configuration: Configuration, law: Law, timing: Timing, own: OwnPid | None) -> WholeLaw:
     """Return the law's margins over the plate's range and the film's slopes."""
     every = [point for noise_K in NOISES_K for point in operating_points(law, timing, noise_K, own)]
     points, rows = moving(every), []
@@ -132,7 +119,6 @@ def whole_law(configuration: Configuration, model: Model, law: Law, timing: Timi
         min(critical_gain(point) for point in points),
         least([loop_margins_at(point, 1.0) for point in every if point not in points]),
         every,
-        _cycles(model, points, timing.period_s),
     )
     return replace(found, refused=_refused(configuration, law, found, own))
 
@@ -140,24 +126,6 @@ def whole_law(configuration: Configuration, model: Model, law: Law, timing: Timi
 def moving(points: Sequence[Point]) -> list[Point]:
     """Return the points at which the film is on its way, so that the resistance is fed back."""
     return [point for point in points if point.way != "at rest"]
-
-
-def _cycles(model: Model, points: Sequence[Point], period_s: float) -> dict[str, list[LimitCycle]]:
-    """Return limit cycles by the film's play beyond the model's, the thermometer's steps and the driver's dead band."""
-    point = next(each for each in points if each.way == "heating" and abs(each.slope) == _steepest(points))
-    effects = {each.effect.name: each.values() for each in model.switched()}
-    found = {"play": limit_cycles(lambda w: at_ohmmeter(point, 1.0, w), backlash(PLAY_K), PLAY_K, period_s)}
-    if "thermometer_quantization" in effects:
-        step = effects["thermometer_quantization"]["step_K"]
-        found["thermometer"] = limit_cycles(lambda w: at_thermometer(point, 1.0, w), steps(step), 0.5 * step, period_s)
-    if "actuator_deadband" in effects:
-        band = effects["actuator_deadband"]["deadband_A"]
-        found["dead band"] = limit_cycles(lambda w: at_command(point, 1.0, w), dead_band(band), band, period_s)
-    return found
-
-
-def _steepest(points: Sequence[Point]) -> float:
-    return max(abs(each.slope) for each in points if each.way == "heating")
 
 
 def _refused(configuration: Configuration, law: Law, found: WholeLaw, own: OwnPid | None) -> list[str]:
@@ -211,9 +179,7 @@ def _film(law: Law) -> FilmModel:
     return law.film
 
 
-def tuned_law(
-    configuration: Configuration, model: Model, name: LawName, timing: Timing
-) -> tuple[WholeLaw, Law, Design]:
+def tuned_law(configuration: Configuration, model: Model, name: LawName, timing: Timing) -> tuple[WholeLaw, Design]:
     """Return a law as a run would have it, with its margins; "instrument_pid" with the controller's PID in it."""
     assert model.plate is not None
     assert model.film is not None
@@ -222,27 +188,7 @@ def tuned_law(
         observer = chain_observer(model.switched(), model.plate, model.film, timing.period_s)
     law, design = law_and_design(name, configuration, model.film, model.plate, observer)
     own = own_pid(configuration, model.film, model.plate) if name == "instrument_pid" else None
-    return whole_law(configuration, model, law, timing, own), law, design
-
-
-def film_cycles(film: FilmModel, design: Design, low_degC: float, high_degC: float) -> list[LimitCycle]:
-    """Return limit cycles of the PID on the output alone, by the film's whole hysteresis; amplitudes in K."""
-    slope, middle = steepest_slope(film, low_degC, high_degC)
-    loop = sampled_loop(
-        design.gains, design.process_gain, design.process_pole_per_s, design.dead_time_s, design.period_s
-    )
-    angles = 2.0 * math.pi * np.arange(3 * 256) / 256
-
-    def part(amplitude: float) -> complex:
-        outputs, _ = film.simulate(middle + amplitude * np.sin(angles), film.initial_memory(low_degC, "heated"))
-        last = slice(2 * 256, None)
-        wave = np.exp(-1j * angles[last])
-        return complex(2j * np.mean(outputs[last] * wave) / (amplitude * slope))
-
-    def broken(omega: Any) -> Any:
-        return np.asarray(loop(np.exp(1j * omega * design.period_s)))
-
-    return limit_cycles(broken, part, 0.01, design.period_s)
+    return whole_law(configuration, law, timing, own), design
 
 
 def law_table(found: WholeLaw) -> dict[str, Any]:
@@ -261,7 +207,6 @@ def law_table(found: WholeLaw) -> dict[str, Any]:
         "at_rest": asdict(found.rest),
         "rings_from_slope_ratio": found.rings_at_ratio,
         "rings_from_plate_gain": found.rings_at_gain,
-        "limit_cycles": {name: [asdict(cycle) for cycle in cycles] for name, cycles in found.cycles.items()},
         "refused": found.refused,
     }
 

@@ -17,17 +17,11 @@ from compensator.control.linearization import Point, Timing, believed, operating
 from compensator.control.margins import (
     NOISES_K,
     RATIOS,
-    at_ohmmeter,
-    backlash,
     bearable_ms,
     critical_gain,
     critical_ratio,
-    dead_band,
-    frequencies,
-    limit_cycles,
     loop_margins_at,
     share_within,
-    steps,
     worst_ms,
 )
 from compensator.hysteresis.functions import Array
@@ -186,75 +180,3 @@ def test_the_controllers_own_pid_follows_its_setpoint_and_keeps_ms() -> None:
     slow = regulated_plant(PLATE, 60.0, 0.7, 0.1, OwnPid(0.4, 30.0), TIMING)
     z = np.exp(1j * np.array([1.0]) * 0.1)
     assert abs(slow.response(z)[0, 0]) < 0.5 < abs(plant.response(z)[0, 0])
-
-
-def test_describing_functions_against_the_parts_themselves() -> None:
-    angles = 2.0 * np.pi * np.arange(4096) / 4096
-    for amplitude in (0.14, 0.5, 2.0):
-        wave = amplitude * np.sin(angles)
-        parts = {
-            "steps": (steps(0.1)(amplitude), 0.1 * np.round(wave / 0.1)),
-            "dead band": (
-                dead_band(0.1)(amplitude),
-                np.where(np.abs(wave) > 0.1, wave, 0.0),
-            ),
-            "play": (backlash(0.1)(amplitude), played(wave, 0.1)),
-        }
-        for name, (harmonic, made) in parts.items():
-            first = 2j * np.mean(made * np.exp(-1j * angles)) / amplitude
-            assert harmonic == pytest.approx(first, abs=0.01), name
-
-
-def played(wave: Array, halfwidth: float) -> Array:
-    """Backlash, after a cycle that it settles in."""
-    at, found = 0.0, []
-    for value in (*wave, *wave):
-        at = min(max(at, value - halfwidth), value + halfwidth)
-        found.append(at)
-    return np.array(found[wave.size :])
-
-
-def test_the_predicted_limit_cycle_is_the_one_that_runs() -> None:
-    """Two lags and two periods of delay around a thermometer with steps, a gain that is 1.15 below what it bears."""
-    h, step = 0.1, 0.1
-    left = 0.9
-
-    def broken(gain: float) -> Callable[[Array], Array]:
-        def response(w: Array) -> Array:
-            z = np.exp(1j * w * h)
-            return np.asarray(gain * (1.0 - left) ** 2 / (z - left) ** 2 * z**-2)
-
-        return response
-
-    def swing(gain: float, first: float) -> float:
-        x = y = first
-        past = [0.0, 0.0]
-        found = []
-        for _ in range(800):
-            past.append(-gain * step * round(y / step))
-            y, x = left * y + (1.0 - left) * x, left * x + (1.0 - left) * past[-3]
-            found.append(y)
-        return max(abs(value) for value in found[-100:])
-
-    bears = next(g for g in np.arange(1.0, 30.0, 0.05) if not limit_free(broken(float(g)), h))
-    gain = float(bears) / 1.15
-    cycles = limit_cycles(broken(gain), steps(step), 0.5 * step, h)
-    (kept,) = [cycle for cycle in cycles if cycle.keeps and cycle.amplitude < 1.5 * step]
-    assert swing(gain, 1.5 * kept.amplitude) == pytest.approx(kept.amplitude, rel=0.1)
-    calm = float(bears) / 1.4  # beyond 4 / pi there is none
-    assert not limit_cycles(broken(calm), steps(step), 0.5 * step, h)
-    assert swing(calm, 3.0 * step) < 0.5 * step
-
-
-def limit_free(response: Callable[[Array], Array], h: float) -> bool:
-    """Whether the linear loop settles: it crosses the negative real axis short of -1."""
-    values = response(frequencies(h, 4000))
-    crossed = np.flatnonzero(np.diff(np.sign(values.imag)) > 0)
-    return bool(np.all(values.real[crossed] > -1.0))
-
-
-def test_a_play_in_the_law_hunts_slowly() -> None:
-    point = heating(law_of(0.4))
-    (cycle, *_) = limit_cycles(lambda w: at_ohmmeter(point, 1.0, w), backlash(0.1), 0.1, 0.1)
-    assert cycle.amplitude > 0.1
-    assert cycle.period_s > 10.0
