@@ -7,10 +7,11 @@ guards from its first day. Where a smaller number is the tighter guard, a job ma
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import tomli_w
 
 from rig.config.configuration import ConfigurationFile, configuration_of, read_configuration, without_secrets
 from rig.config.model_file import read_model
@@ -46,7 +47,6 @@ WITHIN = {"limits.temperature_degC"}
 FILES = (("experiment", "target"), ("experiment", "model"), ("simulation", "film", "model"))  # keys that name a file
 USUAL_S = 600.0  # of a hold without a time: long enough to look at a film, too short to be forgotten
 SHORTEST_S, LONGEST_S = 1.0, 7 * DAY_S  # longer holds need a configuration
-HEADER = re.compile(r"\s*\[{1,2}\s*([\w.\-]+)\s*\]{1,2}\s*(#.*)?")
 
 
 def history_folder(file: ConfigurationFile) -> Path:
@@ -150,27 +150,8 @@ def hold_of(bench: ConfigurationFile, degC: object, seconds: object, model: Path
         "period_s": bench.content.experiment.period_s,
         **({"model": str(model)} if _has_plate(model) else {"law": "instrument_pid"}),
     }
-    table = [f"{key} = {_as_toml(value)}" for key, value in experiment.items()]
-    text = "\n".join([*_without_experiment(bench.text), "", "[experiment]", *table, ""])
-    others = {key: value for key, value in parsed_toml(bench.text, bench.path).items() if key != "experiment"}
-    try:
-        raw = parsed_toml(text, bench.path)
-    except Faults:
-        raw = {}
-    if raw != {**others, "experiment": experiment}:  # it is written in some other way, as experiment.kind = ...
-        raise fault(bench.path, "experiment", "expected as a table [experiment], so that a hold can replace it")
-    return configuration_of(bench.path, text, raw)
-
-
-def _without_experiment(text: str) -> list[str]:
-    """Return the lines of a configuration without its table [experiment]."""
-    kept, inside = [], False
-    for line in text.splitlines():
-        header = HEADER.fullmatch(line)
-        inside = header[1] == "experiment" if header is not None else inside
-        if not inside:
-            kept.append(line)
-    return kept
+    raw = {**parsed_toml(bench.text, bench.path), "experiment": experiment}
+    return configuration_of(bench.path, tomli_w.dumps(raw), raw)
 
 
 def _is_number(value: object) -> bool:
@@ -185,14 +166,6 @@ def _has_plate(model: Path | None) -> bool:
         return read_model(model).plate is not None
     except Faults:
         return False
-
-
-def _as_toml(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(_as_toml(one) for one in value)}]"
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    return repr(value)
 
 
 def admit(job: ConfigurationFile, bench: ConfigurationFile, identities: Mapping[str, Identity]) -> None:

@@ -27,8 +27,7 @@ from rig.core.clock import DAY_S
 from rig.daemon.announcer import encoded
 from rig.history import reading
 from rig.history.trouble import trouble_of
-from rig.web.bench_link import STOP, BenchGone, BenchLink
-from rig.web.forwarding import forward
+from rig.web.bench_link import JOBS, STOP, BenchGone, BenchLink, forward
 from rig.web.history import Busy, HistoryQueries, LoopPlane, TooLong
 from rig.web.page_server import PageFiles, Refusal, begin_session, events_reply, json_reply, refusal_reply, refused
 from rig.web.protection import Names, Protection, Sessions
@@ -227,7 +226,7 @@ def application(link: BenchLink, settings: dict[str, Any]) -> Starlette:
         Route("/api/history", requests.history),
         Route("/api/loop", requests.loop),
         Route("/api/trips", requests.trips),
-        Route("/api/jobs", requests.forward, methods=["GET", "POST"]),
+        Route(JOBS, requests.forward, methods=["GET", "POST"]),
         Route("/api/jobs/{number}", requests.forward, methods=["DELETE"]),
         Route("/api/configurations", requests.forward),
         Route(STOP, requests.forward, methods=["POST"]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import secrets
 import sys
 import time
 from collections import deque
@@ -12,16 +13,20 @@ from collections.abc import AsyncIterator, Coroutine
 from pathlib import Path
 from typing import Any
 
-from rig.daemon.announcer import sent_event
+from starlette.requests import Request
+from starlette.responses import Response
+
+from rig.daemon.announcer import encoded, sent_event
 from rig.daemon.client import FAILED
-from rig.web.page_server import Refusal, Viewer
+from rig.web.page_server import LONGEST_NAME, Refusal, Viewer, body_of, object_in
 
 ANSWER_S = 15.0  # a STOP that waits for a dead man's silence takes longest
 ROWS_A_SECOND = 10
 STATE_EVERY_S = 5.0  # the longest time between two events for a viewer
 LONGEST_LINE = 4_000_000  # bytes of an event
 MOST_REQUESTS = 16  # at a time; a STOP does not wait for its turn
-STOP = "/api/stop"
+STOP, JOBS = "/api/stop", "/api/jobs"
+OF_A_JOB = ("configuration", "text", "name", "kind", "hold_degC", "hold_s")  # no files of the bench's computer
 INSISTS_S, AGAIN_S = 5.0, 0.02  # a STOP is sent anew while the bench process has no room for a connection
 
 
@@ -138,9 +143,9 @@ class BenchLink:
 
     def _send_to_viewers(self, event: str, data: dict[str, Any]) -> None:
         if self.viewers:
-            encoded = sent_event(event, data)
+            content = sent_event(event, data)
             for viewer in self.viewers:
-                viewer.put(event, encoded)
+                viewer.put(event, content)
 
     async def send_states(self) -> None:
         """Send the state at least every few seconds, until the bench process ends."""
@@ -164,3 +169,30 @@ async def _head(reader: asyncio.StreamReader) -> tuple[int, int]:
         name, _, value = line.partition(b":")
         length = int(value) if name.lower() == b"content-length" else length
     return status, length
+
+
+async def forward(link: BenchLink, request: Request) -> Response:
+    """Return the bench process's answer to a request. Raises Refusal if it does not answer."""
+    path = request.scope["raw_path"].decode("ascii", "replace")
+    if request.scope["path"] == STOP:  # by which it was routed, percent signs resolved
+        path, body = STOP, encoded({"press": await _press(request)})
+    elif (request.method, request.scope["path"]) == ("POST", JOBS):
+        body = encoded({key: value for key, value in (await object_in(request)).items() if key in OF_A_JOB})
+    else:
+        body = await body_of(request)
+    caller = request.client.host[:LONGEST_NAME] if request.client is not None else "somewhere"
+    try:
+        method = "GET" if request.method == "HEAD" else request.method  # uvicorn leaves the body out
+        status, answer = await link.request(method, path, body, f"the page ({caller})")
+    except BenchGone as error:
+        raise Refusal(503, str(error)) from None
+    return Response(answer, status, media_type="application/json")
+
+
+async def _press(request: Request) -> str:
+    """Return the name of this press of STOP, or a new one; a STOP is taken whatever its body is."""
+    try:
+        press = (await object_in(request)).get("press")
+    except Refusal:
+        press = None
+    return press[:LONGEST_NAME] if isinstance(press, str) else secrets.token_hex(8)

@@ -21,7 +21,6 @@ import pytest
 
 from rig.__main__ import _notes
 from rig.config.configuration import read_configuration
-from rig.core.faults import Faults
 from rig.core.outcome import OfOutput
 from rig.core.streams import MOST_WAITING, PatientLines
 from rig.daemon import latch
@@ -146,19 +145,6 @@ def test_a_job_that_was_ended_has_its_report(bench: RunningBench) -> None:
     assert "ended early" in (Path(ended["folder"]) / "report.html").read_text()
 
 
-def test_health_tells_of_a_latch_that_cannot_be_written(bench: RunningBench) -> None:
-    bench.serve()
-    assert bench.ask("GET", "/health")[0] == 200
-    with contextlib.ExitStack() as stack:
-        stack.callback(setattr, bench.commands.latch_store, "_asked", bench.commands.latch_store._asked)
-        stack.callback(setattr, bench.commands.latch_store, "fault", None)
-        bench.commands.latch_store._asked += 1  # as where the thread that writes has tried, and could not
-        bench.commands.latch_store.fault = "bench.latch: No space left on device"
-        status, answer = bench.ask("GET", "/health")
-    assert status == 503
-    assert "the latch cannot be written" in answer["wrong"][0]
-
-
 # -- a hold ------------------------------------------------------------------------------------------------------
 
 
@@ -196,15 +182,6 @@ def test_a_hold_that_is_none_is_refused(tmp_path: Path, question: dict[str, Any]
         Requests(cast(Any, commands)).answer("POST", "/api/jobs", {**question})
     assert refusal.value.status == 422
     assert says in refusal.value.lines[0]
-
-
-def test_an_experiment_written_in_another_way_is_left_alone(tmp_path: Path) -> None:
-    path = write_current(tmp_path)
-    before, _, after = path.read_text().partition("[experiment]")
-    kept = after.partition("[simulation]")[2]
-    path.write_text(f'experiment.kind = "current_profile"\n{before}[simulation]{kept}')
-    with pytest.raises(Faults, match=r"expected as a table \[experiment\]"):
-        hold_of(read_configuration(path, for_experiment=False), 60, 60, None)
 
 
 def test_a_hold_runs_through_the_same_door(bench: RunningBench) -> None:

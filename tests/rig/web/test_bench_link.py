@@ -13,8 +13,7 @@ import pytest
 from starlette.requests import Request
 
 from rig.daemon.http_server import UnixServer
-from rig.web.bench_link import STOP, BenchLink
-from rig.web.forwarding import forward
+from rig.web.bench_link import STOP, BenchLink, forward
 from rig.web.page_server import Refusal
 
 Asked = tuple[str, str, dict[str, Any], str | None]
