@@ -61,41 +61,28 @@ class Metrics:
     def collect(self) -> Iterator[Metric]:
         """Yield the metrics, for the registry."""
         state, row, rows, gone = self._given
-        up = GaugeMetricFamily("peltier_up", "1 if the bench process answers.")
-        up.add_metric([], 0.0 if gone else 1.0)
-        yield up
+        reading, ticks = {**state.get("reading", {}), **row}, state.get("ticks", {})
         word = GaugeMetricFamily("peltier_state", "1 for the state that the bench is in.", labels=["state"])
         for name in STATES:
             word.add_metric([name], float(state.get("state") == name))
         yield word
-        reading = {**state.get("reading", {}), **row}
-        for column, (name, text) in GAUGES.items():
-            value = reading.get(column)
-            yield _gauge(name, text, math.nan if value is None else float(value))
-        yield _gauge("peltier_output_on", "1 on, 0 off, NaN unknown.", _output(state))
-        yield _gauge("peltier_output_confirmed", "1 if the controller confirmed it.", state.get("output_confirmed"))
-        yield _gauge("peltier_jobs_queued", "Jobs that wait.", state.get("queue"))
-        yield _gauge("peltier_viewers", "Pages that are open.", state.get("viewers"))
-        yield _gauge("peltier_warnings", "Warnings that are shown.", len(state.get("warnings", [])))
-        yield _gauge("peltier_cycle_age_seconds", "Since the last control cycle.", state.get("cycle_age_s"))
-        yield _gauge("peltier_tick_latest_seconds", "Largest lateness.", state.get("ticks", {}).get("latest_s"))
-        for key, text in (("done", "Control cycles completed."), ("missed", "Control cycles missed.")):
-            counter = CounterMetricFamily(f"peltier_ticks_{key}", text)
-            counter.add_metric([], float(state.get("ticks", {}).get(key, 0)))
-            yield counter
-        counter = CounterMetricFamily("peltier_rows_published", "Rows committed and published.")
-        counter.add_metric([], float(rows))
-        yield counter
-
-
-def _output(state: dict[str, Any]) -> float:
-    return {"on": 1.0, "off": 0.0}.get(state.get("output", "unknown"), math.nan)
-
-
-def _gauge(name: str, text: str, value: Any) -> GaugeMetricFamily:
-    gauge = GaugeMetricFamily(name, text)
-    gauge.add_metric([], math.nan if value is None else float(value))
-    return gauge
+        output = {"on": 1.0, "off": 0.0}.get(state.get("output", "unknown"))
+        gauges: list[tuple[str, str, Any]] = [
+            ("peltier_up", "1 if the bench process answers.", not gone),
+            *((name, text, reading.get(column)) for column, (name, text) in GAUGES.items()),
+            ("peltier_output_on", "1 on, 0 off, NaN unknown.", output),
+            ("peltier_output_confirmed", "1 if the controller confirmed it.", state.get("output_confirmed")),
+            ("peltier_jobs_queued", "Jobs that wait.", state.get("queue")),
+            ("peltier_viewers", "Pages that are open.", state.get("viewers")),
+            ("peltier_warnings", "Warnings that are shown.", len(state.get("warnings", []))),
+            ("peltier_cycle_age_seconds", "Since the last control cycle.", state.get("cycle_age_s")),
+            ("peltier_tick_latest_seconds", "Largest lateness.", ticks.get("latest_s")),
+        ]
+        for name, text, value in gauges:
+            yield GaugeMetricFamily(name, text, math.nan if value is None else float(value))
+        yield CounterMetricFamily("peltier_ticks_done", "Control cycles completed.", float(ticks.get("done", 0)))
+        yield CounterMetricFamily("peltier_ticks_missed", "Control cycles missed.", float(ticks.get("missed", 0)))
+        yield CounterMetricFamily("peltier_rows_published", "Rows committed and published.", float(rows))
 
 
 class Requests:
