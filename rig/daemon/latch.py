@@ -268,8 +268,11 @@ class LatchStore:
                     continue
                 if self._ending:
                     return
-                # until the next trial is due, or for a newer change
-                self._changed.wait_for(lambda number=number: self._ending or self._asked != number, TRY_AGAIN_S)
+                self._pause(number)
+
+    def _pause(self, number: int) -> None:
+        """Wait until the next trial is due, or for a newer change."""
+        self._changed.wait_for(lambda: self._ending or self._asked != number, TRY_AGAIN_S)
 
 
 # -- the file --------------------------------------------------------------------------------------------------------
