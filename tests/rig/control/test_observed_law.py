@@ -12,7 +12,7 @@ from benchmarks._hidden_effects import EffectPlant, Hidden
 from benchmarks._tracked_plant import NOISE_DEC, Plate
 from compensator.control.design import design_temperature
 from compensator.control.law import Law, LawSettings
-from compensator.control.law_step import Command, Inputs, LawState
+from compensator.control.law_step import Inputs
 from compensator.control.reference_shaping import preview
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
@@ -118,39 +118,3 @@ def test_a_lag_of_the_thermometer_that_nobody_knows_is_found_on_the_way(without:
 def test_an_unknown_one_costs_much(name: str, without: float) -> None:
     """Or the test above would say nothing."""
     assert error_dec(name, known=False) > 1.5 * without
-
-
-def test_any_step_can_be_repeated_from_its_state() -> None:
-    law = law_for("film_lag", known=True)
-    states, rows, coming = [law.start(58.0, None)], [], np.full(law.preview_times_s().size, -4.0)
-    chance = np.random.default_rng(1)
-    for _ in range(30):
-        inputs = Inputs(
-            58.0 + 0.01 * chance.normal(), -4.05 + 0.002 * chance.normal(), -4.0, coming, 0.03, 0.02, TEST_A
-        )
-        command, after = law.step(states[-1], inputs)
-        states.append(after)
-        rows.append((inputs, command))
-    for k in (20, 3, 11, 20):  # in any order
-        command, after = law.step(states[k], rows[k][0])
-        assert command == rows[k][1]
-        assert numbers(after) == numbers(states[k + 1])
-    assert isinstance(states[5], LawState)
-    assert isinstance(command, Command)
-    with pytest.raises(ValueError, match="read-only"):
-        states[5].plays[0] = 0.0
-
-
-def numbers(state: LawState) -> tuple[object, ...]:
-    """What a state holds, to compare bit for bit."""
-    seen = state.observer
-    values = (state.temperature_degC, *state.reference, state.disturbance, *state.pid, state.warming_K)
-    return (
-        *values,
-        *state.plays.tolist(),
-        *state.errors.ravel(),
-        *state.heats.ravel(),
-        seen.time_s,
-        seen.film_degC,
-        seen.shown_output,
-    )

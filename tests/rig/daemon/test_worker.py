@@ -19,16 +19,6 @@ def test_tasks_run_one_after_the_other_in_one_thread() -> None:
     assert seen[0] != threading.get_ident()
 
 
-def test_a_task_that_does_not_end_holds_up_nobody_once_it_is_abandoned() -> None:
-    worker, gate = Worker("job"), threading.Event()
-    stuck = worker.begin(lambda: gate.wait(30.0) and None)
-    assert not stuck.wait(0.05)
-    worker.abandon()
-    assert worker.begin(lambda: None).wait(5.0)
-    gate.set()
-    assert stuck.wait(5.0)
-
-
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_task_that_raises_is_over_and_the_next_one_runs() -> None:
     worker = Worker("job")
