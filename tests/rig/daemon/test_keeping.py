@@ -207,7 +207,8 @@ def test_the_procedure_for_pymeasure_does_what_the_page_says(bench: RunningBench
     jobs = [(job["name"], job["state"]) for job in bench.commands.queue.tables()]
     assert jobs == [("hold 59 degC", "done"), ("hold 59.5 degC", "done")]
     assert len(rows) >= 4
-    assert all(50.0 < row["temperature_degC"] < 62.0 and row["resistance_ohm"] > 100.0 for row in rows)
+    # until the first hold the plate cools to its room
+    assert all(20.0 < row["temperature_degC"] < 62.0 and row["resistance_ohm"] > 100.0 for row in rows)
 
 
 # -- the loop ----------------------------------------------------------------------------------------------------
