@@ -222,7 +222,7 @@ class Search:
         """The best set and form of film, from a fit on."""
         self.keep(fit)
         self.say(f"effects so far: {named(fit)}")
-        anew = tried = other_film = False
+        anew = other_film = False
         while len(fit.effects) < MOST_EFFECTS + len(self.assumed) and not self.over():
             fit = self.finer(fit)
             better = self.larger(fit)
@@ -232,8 +232,8 @@ class Search:
                     better = self.keep(again) if again.log_likelihood > fit.log_likelihood + WORTH else None
                 # a film is asked what it is once its temperature is understood
                 thermal = better is not None and any(e.before_film for e in better.effects if e not in fit.effects)
-                if better is None or not (tried or thermal):
-                    another, tried = self.of_film(self.of_another_kind(fit), better or fit), True
+                if not thermal:
+                    another = self.of_film(self.of_another_kind(fit), better or fit)
                     better, other_film = another or better, other_film or another is not None
             elif better is None and other_film:  # what is known now may be what the other film did
                 better, other_film = self.of_film(with_pi_film(fit), fit), False
