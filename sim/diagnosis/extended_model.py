@@ -24,7 +24,7 @@ from sim.inference.film.fit import identify_film_records
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.rows import FilmRecord
 from sim.inference.joint.films import PIFilm, PreisachFilm
-from sim.inference.joint.held_out import fitted_to, simulated
+from sim.inference.joint.held_out import fitted_to, for_simulation, simulated
 from sim.inference.joint.likelihood import Fit
 from sim.inference.record.record import Record
 from sim.model.film_nodes import FilmNodes
@@ -79,6 +79,7 @@ class NamedCurve:
 def extended_model(fit: Fit, record: Record, earlier: Sequence[Record] = ()) -> ExtendedModel:
     """Return the model of a fit to a record. earlier: other records of the film."""
     with threadpool_limits(limits=1):
+        fit = for_simulation(fit)
         effects: list[dict[str, float | str]] = [{"name": name, **own} for name, own in fit.values().items()]
         plate = plate_model(fit) if fit.joint.driven else None
         if fit.joint.film is None:
