@@ -55,6 +55,7 @@ def for_simulation(fit: Fit) -> Fit:
 
 def simulated(fit: Fit) -> Point:
     """A fit's simulation from the recorded current (or temperature), its plate's discrepancy left out."""
+    fit = for_simulation(fit)
     return _plain(fit.joint.on(fit.joint.record, fit.at.coefficients), fit.at)
 
 
