@@ -65,8 +65,8 @@ class FilmComparison:
 
 @dataclass(frozen=True, eq=False)
 class PlateComparison:
-    """A record's plate and its model; arrays of shape (rows,): s, degC measured and simulated (nan outside the
-    stretches of the fit), drive in A or, if `drive` is set, as a share of full drive."""
+    """A record's plate and its model; arrays of shape (rows,): s, degC measured and simulated, drive in A or, if
+    `drive` is set, as a share of full drive."""
 
     source: str
     time_s: Array
@@ -164,14 +164,8 @@ class Identified:
         if fit is None:
             return []
         compared = []
-        for k, record in enumerate(self.plate_records):
-            time, current = record["time_s"], record["current_A"]
-            simulated = np.full(time.size, np.nan)
-            for (number, first, last), first_degC in zip(fit.stretches, fit.first_degC, strict=True):
-                if number == k:
-                    rows = slice(first, last)
-                    simulated[rows] = fit.model.simulate(first_degC, time[rows], np.nan_to_num(current[rows]))
-            degC = record["temperature_degC"]
+        for record, simulated in zip(self.plate_records, fit.simulated_degC, strict=True):
+            time, degC, current = (record[name] for name in ("time_s", "temperature_degC", "current_A"))
             compared.append(PlateComparison(record.source, time, degC, simulated, current, self.drive))
         return compared
 

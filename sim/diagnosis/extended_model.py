@@ -24,12 +24,18 @@ from sim.inference.film.fit import identify_film_records
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.rows import FilmRecord
 from sim.inference.joint.films import PIFilm, PreisachFilm
-from sim.inference.joint.held_out import fitted_to, for_simulation, simulated
+from sim.inference.joint.held_out import for_simulation, simulated
 from sim.inference.joint.likelihood import Fit
-from sim.inference.record.record import Record
-from sim.model.film_nodes import FilmNodes
+from sim.inference.noise import Readings, discrepancy
+from sim.inference.nuisance import fit_own
+from sim.inference.readings.temperature_path import temperature_path
+from sim.inference.record.record import Record, told_of
+from sim.model.chain import NO_PLATE, ChainModel
 from sim.model.links import Links
 from sim.model.observer import own_output
+from sim.model.record_own import FilmStart
+from sim.model.record_run import RecordRun, straight_path
+from sim.model.recorded import COARSE, Rows
 
 FORMS: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # of D, simplest first, as `identify` has them
 STARTS: Final = 5  # of either nonlinear parameter of a form: between them a descent finds the least error
@@ -86,7 +92,8 @@ def extended_model(fit: Fit, record: Record, earlier: Sequence[Record] = ()) -> 
             return ExtendedModel(None, plate, tuple(effects))
         named = with_named_curve(fit)
         film, further = _film_model(named), 0
-        if earlier and (from_all := _film_of_all(named, record, earlier)) is not None:
+        chain = RecordRun(ChainModel(plate or NO_PLATE, film, tuple(named.joint.switched(named.at.x))), COARSE)
+        if earlier and (from_all := _film_of_all(named, chain, record, earlier)) is not None:
             film, further = from_all, len(earlier)
         return ExtendedModel(record.quantity.film(film), plate, tuple(effects), further)
 
@@ -162,9 +169,9 @@ def _film_model(fit: Fit) -> FilmModel:
     return FilmModel(radii, weights[kept], *relays.envelopes(), memoryless, "mixed_envelopes", initial=initial)
 
 
-def _film_of_all(fit: Fit, record: Record, earlier: Sequence[Record]) -> FilmModel | None:
+def _film_of_all(fit: Fit, chain: RecordRun, record: Record, earlier: Sequence[Record]) -> FilmModel | None:
     """Return the film identified from all records, each taken back to what the film itself went through; None where
-    that cannot be done, or predicts the record's held-out rows worse than the fit does."""
+    that cannot be done, or predicts the record's held-out rows worse than the fit does. chain: of the fit's model."""
     nodes, links = fit.at.run.nodes, fit.at.run.links
     assert nodes is not None
     assert record.output is not None
@@ -173,18 +180,17 @@ def _film_of_all(fit: Fit, record: Record, earlier: Sequence[Record]) -> FilmMod
     judged = np.flatnonzero(record.held_out & record.output_used)
     seen = replace(record, output_used=record.output_used & ~record.held_out)
     try:
-        readings = _film_readings(seen, nodes, links, "record")
+        course = nodes.time_s, nodes.film_degC, nodes.taken
+        readings = _film_readings(seen, course, links, "record")
         own = len(readings)
         for other in earlier:
-            _, at = fitted_to(fit, other, np.ones(other.rows, dtype=np.bool_))
-            assert at.run.nodes is not None
-            readings += _film_readings(other, at.run.nodes, at.run.links, "earlier record")
+            readings += _film_readings(other, _course(fit, chain, other), links, "earlier record")
         found = identify_film_records(readings, temperature_noise_K=0.0)
     except ValueError:
         return None
     time = np.concatenate([np.asarray(one.time_s) for one in readings[:own]])
     along = [found.along(k, np.asarray(one.time_s), np.asarray(one.temperature_degC)) for k, one in enumerate(readings)]
-    output = np.concatenate([np.asarray(one.output) for one in _film_readings(record, nodes, links, "record")])
+    output = np.concatenate([np.asarray(one.output) for one in _film_readings(record, course, links, "record")])
     here = np.searchsorted(time, nodes.time_s[nodes.taken[judged]])
     left = output[here] - np.concatenate(along[:own])[here]
     before = record.output[judged] - simulated(fit).shown_dec[judged]
@@ -193,19 +199,37 @@ def _film_of_all(fit: Fit, record: Record, earlier: Sequence[Record]) -> FilmMod
     return found.model if better else None
 
 
-def _film_readings(record: Record, nodes: FilmNodes, links: Links, name: str) -> list[FilmRecord]:
+def _course(fit: Fit, chain: RecordRun, record: Record) -> tuple[Array, Array, Rows]:
+    """Return the film's course over another record, what belongs to that fitted: times and temperatures of nodes, the
+    node at which each row's resistance was read. What the plate's model lacks is added as the thermometer shows it."""
+    assert fit.joint.film is not None
+    told, plate, channel = told_of(record), chain.model.plate, fit.metric.temperature
+    told = replace(told, error_K=plate.error_K, error_time_s=plate.error_time_s)
+    path, used = None, np.flatnonzero(record.temperature_used)
+    if not fit.joint.driven:
+        path = straight_path(record.time_s, temperature_path(record.time_s, told.temperature_degC).temperature_degC)
+    own, path = fit_own(chain, record, told, FilmStart(fit.joint.film.start.initial), path)
+    if fit.joint.driven and plate.error_K > 0.0:
+        left = (told.temperature_degC - chain.plate(record, own).shown_degC)[used]
+        path = path.raised(record.time_s[used], discrepancy(left, channel.noise, Readings.at(record.time_s[used]))[0])
+    run = chain.film(record, path, own)
+    return run.time_s, run.film_degC, run.taken
+
+
+def _film_readings(record: Record, course: tuple[Array, Array, Rows], links: Links, name: str) -> list[FilmRecord]:
     """Return each of the joined records as an identification takes it: the film's temperature in every row and at each
-    turn between rows, and the film's own output where that was read."""
+    turn between rows, and the film's own output where that was read. course: as of `_course`."""
     assert record.output is not None
+    node_s, film_degC, taken = course
     read = np.flatnonzero(record.output_used)
-    slope = np.sign(np.diff(nodes.film_degC))
+    slope = np.sign(np.diff(film_degC))
     turns = np.flatnonzero(slope[1:] * slope[:-1] < 0.0) + 1
-    after = np.searchsorted(record.time_s, nodes.time_s[turns])
+    after = np.searchsorted(record.time_s, node_s[turns])
     turns = turns[~np.isin(after, record.after_gaps)]  # what a simulation does in a gap is made up
-    kept = np.union1d(nodes.taken, turns)
+    kept = np.union1d(taken, turns)
     output = np.full(kept.size, np.nan)
-    output[np.searchsorted(kept, nodes.taken[read])] = own_output(links, record.output[read])
-    time = nodes.time_s[kept]
+    output[np.searchsorted(kept, taken[read])] = own_output(links, record.output[read])
+    time = node_s[kept]
     begins = np.searchsorted(time, record.time_s[record.joined])
     parts = np.split(np.arange(kept.size), begins)
-    return [FilmRecord(time[part], nodes.film_degC[kept[part]], output[part], name) for part in parts]
+    return [FilmRecord(time[part], film_degC[kept[part]], output[part], name) for part in parts]

@@ -1,8 +1,4 @@
-"""Intervals of the effects' parameters, from the information matrix of the whitened likelihood.
-
-Whitened residuals of a right model are white; where they are not quite, the sandwich over blocks of rows widens the
-intervals (`sim.inference.covariance`). Parameters of plate and film are projected off, the film's weights too.
-"""
+"""Intervals of the effects' parameters, from the information matrix of the whitened likelihood (`Fit.covariance`)."""
 
 from __future__ import annotations
 
@@ -11,12 +7,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.candidates import Directions
 from sim.effects.effect import Command, Effect, jumps
-from sim.inference.covariance import NORMAL_95, Covariance, block_sandwich
+from sim.inference.covariance import NORMAL_95
 from sim.inference.joint.likelihood import Fit
 
 Interval = tuple[float, float]
@@ -24,24 +19,6 @@ LESS_LIKELY: Final = 0.5 * NORMAL_95**2  # log-likelihood at an interval's ends
 AROUND: Final = 3.0  # factor about a fit's value, within which a jumping parameter is looked for
 LOOKED_AT: Final = 40  # values at once: a descent comes within a tenth
 WIDEST: Final = 20.0  # standard deviations in a logarithm are cut here: exp() of more is no number to report
-
-
-def covariance(fit: Fit) -> Covariance:
-    """Covariance of all of the fit's nonlinear parameters."""
-    joint, at = fit.joint, fit.at
-    jacobian, residual = joint.jacobian(at, fit.metric), joint.residual(at)
-    split = joint.rows_K.size
-    if joint.film is not None:
-        active = at.design[:, at.active]
-        normal = active.T @ active + np.diag(joint.film.precision[at.active])
-        scale = 1.0 / np.sqrt(np.diag(normal))
-        normal = normal * np.outer(scale, scale) + 1e-9 * np.eye(scale.size)
-        film = jacobian[split:]
-        film = film - (active * scale) @ cho_solve(cho_factor(normal), (active * scale).T @ film)
-        jacobian = np.vstack((jacobian[:split], film))
-    known = np.isfinite(joint.prior_deviation)
-    precision = np.diag(np.where(known, joint.prior_deviation, np.inf) ** -2.0)
-    return block_sandwich(jacobian, residual, precision=precision)
 
 
 def intervals(fit: Fit, errors: Array) -> dict[str, dict[str, tuple[float, Interval | None]]]:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.intervals import covariance, intervals, is_vague
+from sim.diagnosis.intervals import intervals, is_vague
 from sim.diagnosis.next_experiment import next_experiments
 from sim.diagnosis.plate_numbers import plate_numbers
 from sim.diagnosis.result import Candidate, Caution, Channel, Diagnosis, Finding, Sizes, rough, verdict_of
@@ -51,7 +51,7 @@ def judged(
     search, base, fit = chosen.search, chosen.base, chosen.fit
     fit, refused = _without_refused(search, fit)
     less = {e.name: search.without(fit, e.name) for e in fit.effects if e.name not in search.assumed}
-    errors = covariance(fit).standard_errors if fit.effects or fit.joint.driven else np.empty(0)
+    errors = fit.covariance().standard_errors if fit.effects or fit.joint.driven else np.empty(0)
     all_sizes = intervals(fit, errors)
     vague = [name for name in less if _is_vague(all_sizes[name])]
     left = left_over(fit)

@@ -15,18 +15,9 @@ import numpy as np
 from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.result import Interval, PlateNumbers, rough
 from sim.inference.covariance import NORMAL_95
-from sim.inference.joint.likelihood import Fit
+from sim.inference.joint.likelihood import PLATE_NAMES, Fit
 from sim.inference.plate.result import constant_drive
 
-NAMES: Final = {  # of the fit's unknowns, as a model file has them
-    "s": "seebeck_over_capacity_per_A_s",
-    "r": "resistance_over_capacity_K_per_A2_s",
-    "g": "conductance_over_capacity_per_s",
-    "q": "drive_over_capacity_K_per_s",
-    "ambient_degC": "ambient_degC",
-    "s_slope": "seebeck_slope_per_K",
-    "r_slope": "resistance_slope_per_K",
-}
 FIXED_BY: Final = {
     "s": "steps of the current in both directions fix it",
     "r": "large currents in both directions fix it: Joule's heat is what both have in common",
@@ -66,7 +57,7 @@ def plate_numbers(fit: Fit, errors: Array) -> PlateNumbers | None:
         doubts.append(constant)
     found: dict[str, tuple[float, Interval | None]] = {}
     for k, unknown in enumerate(joint.unknowns):
-        name = NAMES.get(
+        name = PLATE_NAMES.get(
             unknown.name, f"inputs.{unknown.name.removeprefix('input.')}" if "input." in unknown.name else ""
         )
         if not name:

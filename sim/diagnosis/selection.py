@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from compensator.thermal.plate import Kind
-from sim.diagnosis.intervals import covariance
 from sim.diagnosis.result import Sizes
 from sim.diagnosis.search import Search
 from sim.effects.effect import Effect
@@ -72,7 +71,7 @@ def selected(record: Record, kinds: Sequence[Kind], assumed: Sequence[Effect], s
 def drive_moves(fit: Fit) -> bool:
     """Return False if all coefficients of the drive are as good as 0: it does not move the plate."""
     places = [fit.joint.place[name] for name in ("s", "r", "q") if name in fit.joint.place]
-    found, by = covariance(fit), fit.at.x[places]
+    found, by = fit.covariance(), fit.at.x[places]
     known = found.matrix[np.ix_(places, places)]
     # together: a current that only heats leaves both open
     return 0.5 * float(by @ np.linalg.lstsq(known, by)[0]) > SURE

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from sim.inference.noise import rough_noise
 from sim.inference.record.record import Record
-from sim.inference.record.stretches import quick_noise
 
 FAR_APART: Final = 10.0  # times the noise: a model that errs as the chord does is then off in every row of the flank
 TURNED: Final = 0.1  # of the temperatures' span, from which a turn is one: two turns are one loop
@@ -28,7 +28,7 @@ def sparse_loop(record: Record) -> str | None:
         return None
     rows = np.flatnonzero(record.output_used)
     y, degC, quantity = record.output[rows], record.temperature_degC[rows], record.quantity
-    off, noise = np.abs(y[1:-1] - 0.5 * (y[:-2] + y[2:])), quick_noise(y)
+    off, noise = np.abs(y[1:-1] - 0.5 * (y[:-2] + y[2:])), rough_noise(y)
     apart = float(np.quantile(off, FLANK))
     if apart < FAR_APART * noise:
         return None

@@ -35,6 +35,7 @@ from scipy.special import chdtri
 from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 
+MAD: Final = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 FAR_OUT: Final = 4.0  # standard deviations beyond which a reading weighs less: 1 in 16,000 of normal readings
 SIGNIFICANT: Final = 0.5 * float(chdtri(2, 0.01))  # log-likelihood that two parameters gain in 1 of 100 by chance
 RATIOS: Final = (0.05, 0.5, 5.0, 50.0)  # slow^2 / white^2 from which the likelihood is climbed
@@ -361,6 +362,12 @@ def estimate_repeated(
     readings = replace(readings, variance=readings.variance + ratio * repeated.rest)
     left = estimate(residual - mean, readings, least_white, most_slow, LASTING * repeated.lasts_s, before)
     return Noise(white, math.sqrt(left.ratio) * white, left.tau_s, ratio * variance), mean
+
+
+def rough_noise(readings: Array) -> float:
+    """Return the standard deviation of what changes from reading to reading, from second differences; 0 of too few."""
+    bend = np.diff(readings, 2)
+    return MAD * float(np.median(np.abs(bend))) / math.sqrt(6.0) if bend.size else 0.0
 
 
 def discrepancy(residual: Array, noise: Noise, readings: Readings) -> tuple[Array, Array]:

@@ -40,6 +40,13 @@ class PlatePath:
             self.known.append((time.copy(), found))
         return found.copy()
 
+    def raised(self, time_s: Array, by_K: Array) -> PlatePath:
+        """Return the path with something added that is straight between some times."""
+        more = np.interp(self.time_s, time_s, by_K)
+        slope = np.diff(more) / np.maximum(np.diff(self.time_s), 1e-9)
+        slopes = self.slopes + np.column_stack((np.append(slope, 0.0), np.append(0.0, slope)))
+        return PlatePath(self.time_s, self.plate_degC + more, slopes, self.turning_s)
+
     def together(self, times: Array, taken: Array) -> tuple[Array, Rows]:
         """Return all of some times, each once, rising, and the places of those at which rows were taken, (rows,):
         the same for every size of a lag."""

@@ -21,7 +21,7 @@ from sim.model.links import Links
 from sim.model.meter_power import MeterCurrent
 from sim.model.plate_path import PlatePath, PlateRun, plate_nodes, simulate_plate
 from sim.model.record_own import RecordOwn, anew_rows
-from sim.model.recorded import EVENTS, FINE, Recorded, Spacing
+from sim.model.recorded import EVENTS, FINE, Recorded, Rows, Spacing
 
 BLOCK = 4096  # nodes of a film that are solved together: a heated one needs passes over all of them
 
@@ -29,11 +29,15 @@ BLOCK = 4096  # nodes of a film that are solved together: a heated one needs pas
 @dataclass(frozen=True, eq=False)
 class FilmRun:
     """output: -log10 of the resistance shown in each row, without noise; own_output: of the film's own, both (rows,);
-    memory: the film's after the last row."""
+    memory: the film's after the last row. time_s, film_degC: the film's own course, (nodes,); taken: the node at which
+    each row's resistance was read, (rows,)."""
 
     output: Array
     own_output: Array
     memory: Any
+    time_s: Array
+    film_degC: Array
+    taken: Rows
 
 
 class RecordRun:
@@ -70,14 +74,16 @@ class RecordRun:
         test = test[meter.row_at(time)]
         side = FilmSide(film, links)
         state = side.start(own.film.memory(film) if memory is None else memory, own.late)
-        output, own_output = np.empty(time.size), np.empty(time.size)
+        film_degC, output, own_output = np.empty((3, time.size))
         for begin in range(0, max(time.size - 1, 1), BLOCK):  # a block begins with the last node of the one before
             part = slice(begin, min(begin + BLOCK + 1, time.size))
-            _, own_output[part], output[part], state = side.advance(state, time[part], plate[part], test[part])
+            film_degC[part], own_output[part], output[part], state = side.advance(
+                state, time[part], plate[part], test[part]
+            )
         shown = output[place]
         if links.readings:
             shown = -np.log10(links.shown_ohm(10.0**-shown))
-        return FilmRun(shown, own_output[place], state.memory)
+        return FilmRun(shown, own_output[place], state.memory, time, film_degC, place)
 
 
 def run_plate(

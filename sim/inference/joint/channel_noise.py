@@ -20,7 +20,7 @@ from scipy.special import log_ndtr
 from compensator.hysteresis.functions import Array
 from sim.inference.evidence import price
 from sim.inference.joint.domains import Domains
-from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, estimate_repeated, variances
+from sim.inference.noise import MAD, Noise, Readings, Whitening, discrepancy, estimate, estimate_repeated, variances
 
 BRIEF: Final = 5.0  # steps: colour that a filter makes lasts no longer
 FLICKER: Final = 3.0  # white noises: 1/f noise over an hour's record is no larger
@@ -31,14 +31,7 @@ LEVELS: Final = 8  # of what is shown, between which the size of the white noise
 A_LEVEL: Final = 100  # readings: a variance is then known to a fifth
 MEDIANS: Final = 0.37  # of the information on a variance is in the median of absolute deviations (Huber, ch. 5)
 LOG_SHARE: Final = (-4.0, 1.0)  # bounds of ln(noise / step): below a fiftieth of a step no noise is seen
-MAD: Final = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 LEAST_KNOWN: Final = 1e-6  # of a reading's information: it is divided by
-
-
-def rough_noise(readings: Array) -> float:
-    """Return the standard deviation of what changes from reading to reading, from second differences; 0 of too few."""
-    bend = np.diff(readings, 2)
-    return MAD * float(np.median(np.abs(bend))) / math.sqrt(6.0) if bend.size else 0.0
 
 
 @dataclass(frozen=True, eq=False)

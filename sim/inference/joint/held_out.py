@@ -1,8 +1,5 @@
-"""Errors on rows that no fit has seen: blocks of the record itself, which report, and another record, which decides.
-
-Of another record only what belongs to it is fitted (room, first temperatures, the film's memory), with the priors of
-`sim.inference.nuisance`; plate, film and effects stay as they were. Errors are those of the simulation from the
-recorded current, without any discrepancy.
+"""Errors on rows of a record that no fit has seen: of the simulation from the recorded current, without any
+discrepancy.
 
 A model that lacks something has two best sets of numbers. Those of the largest likelihood leave to the discrepancy all
 that is slow, and say what the rest of the record shows of each effect. Those of the least error of the simulation are
@@ -18,11 +15,9 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.inference.joint.channel_noise import ChannelNoise, Metric
-from sim.inference.joint.films import PIFilm
-from sim.inference.joint.likelihood import Fit, Joint, Point, TwoChannels
-from sim.inference.joint.starts import first_metric, remembering
+from sim.inference.joint.likelihood import Fit, Joint, Point
+from sim.inference.joint.starts import first_metric
 from sim.inference.noise import Noise
-from sim.inference.nuisance import ROOM_SPREAD_K
 from sim.model.recorded import Mask, driven_rows
 
 HELD_STEPS = 6  # of a fit without the held-out rows, from the fit with them
@@ -102,29 +97,3 @@ def errors_in(fit: Fit, held: Mask) -> dict[str, Array]:
     less = for_simulation(without_rows(fit, held))
     whole = fit.joint.on(fit.joint.record, less.at.coefficients)
     return {name: np.where(held, left, np.nan) for name, left in residuals(whole, less.at).items()}
-
-
-def fitted_to(fit: Fit, record: TwoChannels, told: Mask) -> tuple[Joint, Point]:
-    """What belongs to another record fitted to some of its rows (told), plate, film and effects held."""
-    known: Any = record
-    fewer = replace(known, temperature_used=record.temperature_used & told, output_used=record.output_used & told)
-    coefficients = fit.at.coefficients
-    joint = fit.joint.on(fewer, coefficients)
-    x = joint.from_other(fit.joint, fit.at.x)
-    for k, unknown in enumerate(joint.unknowns):
-        if unknown.name.startswith("first_degC."):
-            x[k] = unknown.start
-        if unknown.name == "ambient_degC":
-            joint.prior_mean[k], joint.prior_deviation[k] = x[k], ROOM_SPREAD_K
-    at_K, at_dec = joint.readings()
-    output = fit.metric.output
-    metric = Metric(
-        replace(fit.metric.temperature, readings=at_K),
-        replace(output, readings=at_dec, domains=None) if output is not None and joint.film is not None else None,
-        joint.driven,
-    )
-    at = joint.descend(joint.solve(x, metric), metric)
-    if isinstance(joint.film, PIFilm):
-        joint, at = remembering(joint, at, metric)
-        at = joint.descend(at, metric)
-    return joint, at

@@ -34,6 +34,7 @@ from compensator.thermal.plate import (
     Kind,
 )
 from sim.effects.effect import Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
+from sim.inference.covariance import Covariance, block_sandwich
 from sim.inference.joint.channel_noise import (
     ChannelNoise,
     Metric,
@@ -41,7 +42,6 @@ from sim.inference.joint.channel_noise import (
     likelier_of_rounded,
     noise_of_instrument,
     of_rounded,
-    rough_noise,
 )
 from sim.inference.joint.domains import Domains, Relays, domain_columns
 from sim.inference.levenberg_marquardt import Damping, Linearized, descend, held_at_bounds
@@ -49,9 +49,9 @@ from sim.inference.nnls import reduced, solve_triangle
 from sim.inference.noise import (
     Readings,
     discrepancy,
+    rough_noise,
 )
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, ROOM_SPREAD_K, first_readings, resting_K
-from sim.inference.plate.fit import AMBIENT_DEGC, SHARE
 from sim.inference.readings.temperature_path import temperature_path
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.inputs import Inputs
@@ -65,6 +65,17 @@ from sim.model.recorded import Recorded, Rows
 
 Mask = NDArray[np.bool_]
 OWN: Final = ("ambient_degC", "room_K.", "first_degC.")  # what belongs to a record, and bodies' first temperatures
+AMBIENT_DEGC: Final = (25.0, 15.0)  # mean and deviation: a room, a cold room, an oven's surroundings
+SHARE: Final = (0.4, 0.3)  # of the largest current in that of largest cooling, s (T + 273.15) / r, at 300 K
+PLATE_NAMES: Final = {  # of the plate's unknowns, as a model file has them
+    "s": "seebeck_over_capacity_per_A_s",
+    "r": "resistance_over_capacity_K_per_A2_s",
+    "q": "drive_over_capacity_K_per_s",
+    "g": "conductance_over_capacity_per_s",
+    "ambient_degC": "ambient_degC",
+    "s_slope": "seebeck_slope_per_K",
+    "r_slope": "resistance_slope_per_K",
+}
 RELATIVE_STEP: Final = 1e-3  # of a secant of a positive parameter: rounding is 1e-10, curvature 1e-3
 STEP_K: Final = 0.01  # of a secant of a temperature
 SETTLED: Final = 0.05  # log-likelihood that a last step gains: values are then within a third of their deviations
@@ -213,6 +224,25 @@ class Fit:
     def values(self) -> dict[str, dict[str, float]]:
         """Each effect's parameters."""
         return {e.name: e.values() for e in self.joint.switched(self.at.x)}
+
+    def covariance(self, without: Sequence[str] = ()) -> Covariance:
+        """Of all nonlinear parameters, the film's weights projected off. without: parameters whose priors are left out,
+        so that only the record tells of them. Whitened residuals of a right model are white; where they are not quite,
+        the sandwich over blocks of rows widens it."""
+        joint, at = self.joint, self.at
+        jacobian, residual = joint.jacobian(at, self.metric), joint.residual(at)
+        split = joint.rows_K.size
+        if joint.film is not None:
+            active = at.design[:, at.active]
+            normal = active.T @ active + np.diag(joint.film.precision[at.active])
+            scale = 1.0 / np.sqrt(np.diag(normal))
+            normal = normal * np.outer(scale, scale) + 1e-9 * np.eye(scale.size)
+            film = jacobian[split:]
+            film = film - (active * scale) @ cho_solve(cho_factor(normal), (active * scale).T @ film)
+            jacobian = np.vstack((jacobian[:split], film))
+        known = np.isfinite(joint.prior_deviation) & ~np.isin(joint.names, without)
+        precision = np.diag(np.where(known, joint.prior_deviation, np.inf) ** -2.0)
+        return block_sandwich(jacobian, residual, precision=precision)
 
 
 def coordinate(value: float, signed: bool) -> float:
@@ -458,10 +488,7 @@ class Joint:
         if not np.all(np.isfinite(residual)):
             return plate
         mean, _ = discrepancy(residual, channel.noise, channel.readings)
-        more = np.interp(plate.time_s, self.record.time_s[self.rows_K], mean)
-        slope = np.diff(more) / np.maximum(np.diff(plate.time_s), 1e-9)
-        slopes = plate.slopes + np.column_stack((np.append(slope, 0.0), np.append(0.0, slope)))
-        return PlatePath(plate.time_s, plate.plate_degC + more, slopes, plate.turning_s)
+        return plate.raised(self.record.time_s[self.rows_K], mean)
 
     def _shown(self, run: Simulated, signal: Array, range_of: Array | None) -> Array:
         """What the ohmmeter shows in the rows for the film's own output at the points."""
@@ -559,13 +586,31 @@ class Joint:
     def jacobian(self, at: Point, metric: Metric) -> Array:
         """Derivatives of both channels' whitened readings, coefficients held, (readings of both, unknowns)."""
         out = np.zeros((self.rows_K.size + self.rows_dec.size, len(self.unknowns)))
+        firsts = self._firsts_alone
         for k in np.flatnonzero(self.moves):
+            if firsts.start <= k < firsts.stop:
+                continue
             unknown = self.unknowns[k]
             step = unknown.step if at.x[k] + unknown.step <= unknown.high else -unknown.step
             x = at.x.copy()
             x[k] += step
             out[:, k] = self.change(at, metric, x, unknown.thermal) / step
+        if firsts.start < firsts.stop:  # one simulation moves them all: each acts on its own stretch
+            x = at.x.copy()
+            x[firsts] += STEP_K
+            change = (self.simulate(x, metric).shown_degC - at.run.shown_degC)[self.rows_K] / STEP_K
+            stretch = np.searchsorted(self.record.first_rows, self.rows_K, side="right") - 1
+            out[:, firsts] = np.where(stretch[:, None] == np.arange(self.first_degC.size), change[:, None], 0.0)
         return self.whitened(at, metric, out)
+
+    @cached_property
+    def _firsts_alone(self) -> slice:
+        """The places of the stretches' first temperatures, where nothing but the plate's own heat goes from one stretch
+        on to the next; else none."""
+        if self.film is not None or any(effect.link == "plate" for effect in self.effects) or not self.driven:
+            return slice(0, 0)
+        first = self.place["first_degC.0"]
+        return slice(first, first + self.first_degC.size)
 
     def residual(self, at: Point) -> Array:
         """Of both channels, whitened."""

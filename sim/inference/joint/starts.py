@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,13 +14,13 @@ from compensator.thermal.plate import Kind
 from sim.effects.effect import Effect
 from sim.inference.film.relay_plane import relays_over
 from sim.inference.film.rows import Path
-from sim.inference.joint.channel_noise import ChannelNoise, Metric, rough_noise
+from sim.inference.joint.channel_noise import ChannelNoise, Metric
 from sim.inference.joint.films import PIFilm, PreisachFilm, curve_over
-from sim.inference.joint.likelihood import Fit, Joint, Point, TwoChannels
+from sim.inference.joint.likelihood import ROUNDS, SETTLED, Fit, Joint, Point, TwoChannels
+from sim.inference.joint.plate_starts import rough_balances
 from sim.inference.memory import begun, gaps_of, through_gaps
-from sim.inference.noise import Noise, discrepancy
+from sim.inference.noise import Noise, discrepancy, rough_noise
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH
-from sim.inference.plate.starts import Stretch, rough_balances
 from sim.model.record_own import FilmStart
 
 SHARES: Final = (0.0, 0.5, 1.0)  # of the loop's width that the envelopes' centres are apart: the radii give the rest
@@ -50,21 +49,21 @@ def plate_fit(record: TwoChannels, kinds: Sequence[Kind] = ("peltier",)) -> Fit:
     found = []
     for kind in kinds if record.current_A is not None else kinds[:1]:
         slopes = (True, False) if kind == "peltier" else (False,)
-        tried = [_plate_fit(Joint(record, (), None, kind, slopes=some)) for some in slopes]
+        tried = [module_fit(Joint(record, (), None, kind, slopes=some)) for some in slopes]
         found.append(max(tried, key=lambda f: f.log_likelihood))
     return max(found, key=lambda f: f.log_likelihood - 0.5 * f.joint.module.parameters * math.log(f.joint.rows_K.size))
 
 
-def _plate_fit(joint: Joint) -> Fit:
-    """First by the least error of the simulation, then with its noise."""
-    record, kind = joint.record, joint.kind
+def module_fit(joint: Joint, rounds: int = ROUNDS, last: float = SETTLED) -> Fit:
+    """The plate alone, of a module of one kind: first by the least error of the simulation, then with its noise, in so
+    many rounds. last: log-likelihood that the last step of each descent gains."""
     metric = first_metric(joint)
     if not joint.driven:
         at = joint.solve(joint.start(), metric)
         path = joint.noise(at, metric).temperature
         return Fit(joint, at, Metric(path, None, simulated=False), 0.0)
     tried = []
-    for par in rough_balances(_stretches(record), kind):
+    for par in rough_balances(joint.record, joint.kind):
         x = joint.start()
         for name, value in zip(("s", "r", "g", "q", "ambient_degC"), par, strict=True):
             if name in joint.place:
@@ -74,13 +73,15 @@ def _plate_fit(joint: Joint) -> Fit:
         if math.isfinite(at.cost):
             tried.append(joint.descend(at, metric, 5, 1.0))
     at = min(tried, key=lambda p: p.cost)
-    return settled(joint, at.x, metric)
+    return settled(joint, at.x, metric, None, rounds, last)
 
 
-def settled(joint: Joint, x: Array, metric: Metric, own: Array | None = None) -> Fit:
+def settled(
+    joint: Joint, x: Array, metric: Metric, own: Array | None = None, rounds: int = ROUNDS, last: float = SETTLED
+) -> Fit:
     """The fit by the least error of the simulation, and with a discrepancy that is no larger than what that leaves."""
     for _ in range(2):
-        at = joint.descend(joint.solve(x, metric, own), metric, 30)
+        at = joint.descend(joint.solve(x, metric, own), metric, 30, last)
         size = float(np.sqrt(np.mean(at.residual_K**2)))
         white = ChannelNoise(Noise(max(size, LEAST_NOISE_K)), metric.temperature.readings)
         output = metric.output
@@ -89,18 +90,7 @@ def settled(joint: Joint, x: Array, metric: Metric, own: Array | None = None) ->
             output = ChannelNoise(Noise(max(left, LEAST_NOISE_DEC)), output.readings)
         metric, x, own = metric.of(white, output), at.x, at.known_own
     most = size, (left if output is not None else math.inf)
-    return joint.fit(x, joint.noise(at, metric, most), own, most=most)
-
-
-def _stretches(record: TwoChannels) -> list[Stretch]:
-    assert record.current_A is not None
-    edges = [*record.first_rows.tolist(), record.time_s.size]
-    parts = [slice(first, last) for first, last in itertools.pairwise(edges)]
-    return [
-        Stretch(record.time_s[p], record.current_A[p], record.temperature_degC[p], record.temperature_used[p])
-        for p in parts
-        if np.sum(record.temperature_used[p]) > 2
-    ]
+    return joint.fit(x, joint.noise(at, metric, most), own, rounds, most, settled=last)
 
 
 def branches(record: TwoChannels, degC: Array) -> tuple[tuple[float, float], float]:

@@ -28,13 +28,13 @@ class PlateFit:
     """The identified plate.
 
     model; names, values, standard_errors: of the parameters, shape (parameters,), an error inf where the records fix
-    nothing; correlation: (parameters, parameters); lag_s: of the thermometer behind the plate, 0 where it was not asked
-    for or does not make the records likelier. first_degC: temperature at the start of each stretch, with `stretches`
-    its (record, first row, last row + 1). noise: of the thermometer, and of what the model lacks. rmse_K, max_abs_K: of
-    the simulation over all readings that count; outliers: number of readings that do not count in full;
-    identifiability: what the records cannot fix; longest_s: of the stretches. course_degC: the plate's likeliest
-    temperature in each row of each record, from the simulation and the readings; nan in rows of no stretch.
-    without_lag: the fit in which the thermometer does not lag, where this one does.
+    nothing; correlation: (parameters, parameters). first_degC: temperature at the start of each stretch between gaps.
+    noise: of the thermometer, and of what the model lacks. rmse_K, max_abs_K: of the simulation over all readings that
+    count; outliers: number of readings that do not count in full; identifiability: what the records cannot fix. lag_s:
+    of the thermometer behind the plate, 0 where it was not asked for or does not make the records likelier. Of each
+    record, in its rows: simulated_degC, what the thermometer shows without noise; course_degC, the plate's likeliest
+    temperature, from the simulation and the readings. without_lag: the fit in which the thermometer does not lag, where
+    this one does.
     """
 
     model: PlateModel
@@ -43,15 +43,13 @@ class PlateFit:
     standard_errors: Array
     correlation: Array
     first_degC: tuple[float, ...]
-    stretches: tuple[tuple[int, int, int], ...]
     noise: Noise
-    log_likelihood: float
     rmse_K: float
     max_abs_K: float
     outliers: int
     identifiability: tuple[str, ...]
-    longest_s: float
     lag_s: float = 0.0
+    simulated_degC: tuple[Array, ...] = ()
     course_degC: tuple[Array, ...] = ()
     without_lag: PlateFit | None = None
 
@@ -66,10 +64,14 @@ class PlateFit:
         return self.rmse_K > FAR_OFF * max(self.noise.white, LEAST_NOISE_K)
 
 
-def plate_notes(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], PlateFit]) -> list[str]:
+Refit = Callable[[Array, Kind], float]
+
+
+def plate_notes(fit: PlateFit, current_A: Array, longest_s: float, refit: Refit) -> list[str]:
     """Return what the records leave open, the gravest first.
 
-    current_A: of all rows, (rows,). refit: the fit with another current, as another kind of plate.
+    current_A: of all rows, (rows,); longest_s: of the stretches between gaps. refit: the error (K, RMS) of the fit with
+    another current, as another kind of plate.
     """
     notes = _wrong_current(fit, current_A, refit)
     if fit.far_off:
@@ -80,19 +82,19 @@ def plate_notes(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], 
             "parameters' errors are larger than their intervals."
         )
         if fit.model.kind == "peltier":
-            less_K = refit(-current_A, "peltier").rmse_K
+            less_K = refit(-current_A, "peltier")
             if less_K < TURNED * fit.rmse_K:
                 note += f" With the current's sign reversed it is off by {less_K:.2g} K only: the sign may be turned."
         notes.append(note)
-    return notes + _left_open(fit, current_A)
+    return notes + _left_open(fit, current_A, longest_s)
 
 
-def _wrong_current(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind], PlateFit]) -> list[str]:
+def _wrong_current(fit: PlateFit, current_A: Array, refit: Refit) -> list[str]:
     """Return a line where a heater, or a plate that is never cooled, explains what a Peltier plate does not."""
     if fit.model.kind != "peltier" or fit.rmse_K <= MORE_THAN_NOISE * max(fit.noise.white, LEAST_NOISE_K):
         return []
     if not np.any(current_A < 0.0):
-        heater_K = refit(current_A, "heater").rmse_K
+        heater_K = refit(current_A, "heater")
         if heater_K > HEATER * fit.rmse_K:
             return []
         return [
@@ -103,7 +105,7 @@ def _wrong_current(fit: PlateFit, current_A: Array, refit: Callable[[Array, Kind
     if not np.any(heated > 0.0):
         return []
     kinds: tuple[Kind, Kind] = ("peltier", "heater")
-    less_K, kind = min((refit(heated, kind).rmse_K, kind) for kind in kinds)
+    less_K, kind = min((refit(heated, kind), kind) for kind in kinds)
     if less_K > TURNED * fit.rmse_K:
         return []
     advice = "take it as 0 and say --plate heater." if kind == "heater" else "take it as 0."
@@ -129,7 +131,7 @@ def constant_drive(current_A: Array, kind: Kind) -> str:
     )
 
 
-def _left_open(fit: PlateFit, current_A: Array) -> list[str]:
+def _left_open(fit: PlateFit, current_A: Array, longest_s: float) -> list[str]:
     """Return what the parameters' intervals and the current's course say."""
     notes, kind = [], fit.model.kind
     largest = float(np.max(np.abs(current_A)))
@@ -141,9 +143,9 @@ def _left_open(fit: PlateFit, current_A: Array) -> list[str]:
             "The current has one sign only: Seebeck term and Joule heat are nearly the same. "
             "Record heating and cooling with currents of both signs and several sizes."
         )
-    if g * fit.longest_s < LONG:
+    if g * longest_s < LONG:
         notes.append(
-            f"No stretch is longer than 1.5 thermal time constants (the longest is {fit.longest_s:.0f} s): loss and "
+            f"No stretch is longer than 1.5 thermal time constants (the longest is {longest_s:.0f} s): loss and "
             "ambient are poorly separated. Let the plate rest at zero current for several time constants."
         )
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):

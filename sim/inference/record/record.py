@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect
+from sim.inference.noise import rough_noise
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, Told
 from sim.inference.readings.checked_columns import checked_columns
 from sim.inference.readings.outliers import lone_outliers
 from sim.inference.readings.repeated import repeated_rows
 from sim.inference.record.lattice import lattice_step
 from sim.inference.record.quantity import RESISTANCE, Quantity
-from sim.inference.record.stretches import first_rows, gaps, quick_noise, undriven, with_readings
+from sim.inference.record.stretches import first_rows, gaps, undriven, with_readings
 from sim.inference.record.unlogged_current import acted_before
 from sim.model.inputs import NOTHING, Inputs, constant_inputs, logged_inputs
 from sim.model.links import delays_s, stamps_off_s
@@ -333,4 +334,4 @@ def told_of(record: Record) -> Told:
 def own_noise(readings: Array) -> float:
     """Of readings, nan where there is none, from row to row; 0 where they are too few to tell."""
     finite = readings[np.isfinite(readings)]
-    return quick_noise(finite) if finite.size >= FEWEST_FOR_NOISE else 0.0
+    return rough_noise(finite) if finite.size >= FEWEST_FOR_NOISE else 0.0

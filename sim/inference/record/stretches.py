@@ -8,19 +8,18 @@ missing rows, the plate's temperature would be known by a few readings each time
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
+from sim.inference.noise import rough_noise
 from sim.model.gaps import SHORT, gap_threshold, long_gaps
 
 KNOWN = 0.7  # of the thermometer's noise: what a gap may change the plate's temperature by and still be passed
 HELD = 10.0  # median steps that a gap may last in which one command was held: it stands on both sides of it
 FITTED = 10  # rows over which the plate's rate is taken
-MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 Rows = NDArray[np.int64]
 
 
@@ -55,7 +54,7 @@ def first_rows(
     change = _rate_per_A(time_s, temperature_degC, current_A) * missing * off
     longest = np.where((off == 0.0) & (current_A[begin] == current_A[end]), HELD, SHORT)
     short = (missing <= longest * float(np.median(np.diff(time_s)))) & (begin < after) & (after <= end)
-    return np.concatenate(([0], after[~(short & (change < KNOWN * quick_noise(temperature_degC)))]))
+    return np.concatenate(([0], after[~(short & (change < KNOWN * rough_noise(temperature_degC)))]))
 
 
 def with_readings(begins: Rows, used: NDArray[np.bool_], time_s: Array, within_s: float) -> Rows:
@@ -97,9 +96,3 @@ def undriven(used: NDArray[np.bool_], current: Array | None) -> NDArray[np.bool_
     known, found = np.flatnonzero(used), np.full(used.size, current is None)
     found[known[0] : known[-1] + 1] = False
     return found
-
-
-def quick_noise(readings: Array) -> float:
-    """Return the standard deviation of what changes from reading to reading, from second differences; robust."""
-    second = np.diff(readings, 2)
-    return MAD * float(np.median(np.abs(second - np.median(second)))) / math.sqrt(6.0)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.diagnosis.intervals import covariance, intervals
+from sim.diagnosis.intervals import intervals
 from sim.diagnosis.search import Search
 from sim.diagnosis.selection import Selected, drive_moves, selected
 from sim.diagnosis.upper_limits import _allowed
@@ -34,7 +34,7 @@ def test_radiation_is_not_lost_to_a_modules_slopes(seed: int) -> None:
     hidden, found = chosen("one", seed, effect="radiative_loss")
     assert [e.name for e in found.fit.effects] == ["radiative_loss"]
     assert not found.fit.joint.slopes
-    value, _ = intervals(found.fit, covariance(found.fit).standard_errors)["radiative_loss"]["loss_per_K3_s"]
+    value, _ = intervals(found.fit, found.fit.covariance().standard_errors)["radiative_loss"]["loss_per_K3_s"]
     assert value == pytest.approx(hidden["radiative_loss"]["loss_per_K3_s"], rel=0.3)
 
 
@@ -62,7 +62,7 @@ def test_a_dead_band_is_found_between_its_jumps() -> None:
     """Else a descent that sees no slope leaves the band where it began, and blames something else for the rest."""
     hidden, found = chosen("one", 201005, effect="actuator_deadband")
     assert [e.name for e in found.fit.effects] == ["actuator_deadband"]
-    _, interval = intervals(found.fit, covariance(found.fit).standard_errors)["actuator_deadband"]["deadband_A"]
+    _, interval = intervals(found.fit, found.fit.covariance().standard_errors)["actuator_deadband"]["deadband_A"]
     assert interval is not None
     assert interval[0] <= hidden["actuator_deadband"]["deadband_A"] <= interval[1]
 

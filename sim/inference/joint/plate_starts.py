@@ -6,46 +6,39 @@ K, Q, Z, U: integrals of I (T + 273.15), I^2, T, I from a to b;  h = g T_a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from compensator.hysteresis.functions import KELVIN, Array
 from compensator.thermal.plate import Kind
+from sim.inference.joint.likelihood import TwoChannels
 
 WINDOWS: Final = (0.01, 0.03, 0.1)  # of the longest stretch: long against its noise, short against its time constants
 RATES_PER_S: Final = (0.003, 0.02, 0.1)  # of loss of usual plates, tried besides
 SMALLEST: Final = 1e-9  # of a rate: a millionth of any plate's
 
 
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """Rows without a gap: time_s, current_A (held until the next row), temperature_degC and which readings count, each
-    of shape (rows,)."""
-
-    time_s: Array
-    current_A: Array
-    temperature_degC: Array
-    used: NDArray[np.bool_]
-
-
-def rough_balances(stretches: Sequence[Stretch], kind: Kind) -> list[Array]:
-    """Return (s, r, g, q, T_a) by windows of several lengths, and of a few usual plates."""
+def rough_balances(record: TwoChannels, kind: Kind) -> list[Array]:
+    """Return (s, r, g, q, T_a) by windows of several lengths, and of a few usual plates. Raises ValueError where no
+    stretch between gaps has three readings."""
+    time, degC, current, read = record.time_s, record.temperature_degC, record.current_A, record.temperature_used
+    assert current is not None
+    stretches = [rows for rows in np.split(np.arange(time.size), record.first_rows[1:]) if np.sum(read[rows]) > 2]
+    if not stretches:
+        raise ValueError("records: no stretch of readings between gaps is long enough, expected at least 3 rows")
     chosen = [0, 1, 2, 4, 5] if kind == "peltier" else [3, 2, 4, 5]  # of s, r, g, q, h, -h: h may have either sign
-    ambient = float(np.median([stretch.temperature_degC[stretch.used][0] for stretch in stretches]))
-    longest = max(stretch.used.size for stretch in stretches)
+    ambient = float(np.median([degC[rows][read[rows]][0] for rows in stretches]))
+    longest = max(rows.size for rows in stretches)
     starts = []
     for share in WINDOWS:
         window = max(2, round(share * longest))
         columns, changes = [], []
-        for stretch in stretches:
-            used = stretch.used
-            t = np.interp(stretch.time_s, stretch.time_s[used], stretch.temperature_degC[used])
-            i, dt = stretch.current_A[:-1], np.diff(stretch.time_s)
+        for rows in stretches:
+            used = rows[read[rows]]
+            t = np.interp(time[rows], time[used], degC[used])
+            i, dt = current[rows][:-1], np.diff(time[rows])
             mean = 0.5 * (t[1:] + t[:-1])
             rates = np.column_stack((i * (mean + KELVIN), 0.5 * i * i, -mean, i, np.ones_like(i), -np.ones_like(i)))
             total = np.vstack((np.zeros(6), np.cumsum(rates * dt[:, None], axis=0)))
