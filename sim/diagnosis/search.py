@@ -305,12 +305,14 @@ class Search:
         for effect in fit.effects:
             if effect.name in self.assumed or self.over():
                 continue
+            left = left_over(fit)  # then one effect may stand in for two
+            if left and not outweighs(fit, effect.name):
+                continue  # it gets no name
             less, name = self.without(fit, effect.name), effect.name
 
             def others(effect: Effect, name: str = name) -> bool:
                 return effect.name != name
 
-            left = left_over(fit)  # then one effect may stand in for two
             other = self.add(less, others, self.gain(fit, less) * (0.5 if left else 1.0))
             if other is not None and left:
                 pair = self.add(other, others)
