@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sim.inference.joint.channel_noise import relative_variance
 from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, variances
 
 
@@ -85,3 +86,15 @@ def test_a_reading_far_out_weighs_less_and_its_neighbours_do_not() -> None:
         readings = Readings(time, readings.begins, variances(residual, truth, readings))
     assert readings.variance[300] > 15.0
     assert np.sum(readings.variance > 1.5) <= 2
+
+
+def test_noise_that_goes_with_the_reading_is_told_by_it() -> None:
+    """Else the quiet half of a record counts for too little, and the loud half for too much."""
+    rng = np.random.default_rng(6)
+    shown = np.linspace(-4.0, -2.0, 4000)
+    deviation = np.where(shown < -3.0, 0.004, 0.001)
+    level = relative_variance(deviation * rng.standard_normal(shown.size), shown)
+    assert np.mean(level) == pytest.approx(1.0)
+    ends = np.mean(level[:1000]) / np.mean(level[-1000:])
+    assert ends == pytest.approx(16.0, rel=0.3)
+    assert np.all(relative_variance(0.001 * rng.standard_normal(shown.size), shown) == 1.0)
