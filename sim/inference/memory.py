@@ -21,7 +21,7 @@ from sim.model.record_own import FilmStart, longest_gaps
 from sim.model.recorded import Recorded
 
 MOST_TURNS: Final = 4  # in one place: the innermost ones of more are soon gone beyond
-TRIED: Final = 12  # temperatures on either side
+TRIED: Final = 8  # temperatures on either side
 NEAREST_K: Final = 0.1  # of them, beyond where the film is: less is within a thermometer's error
 BEYOND: Final = 0.25  # of the range of temperatures: so far out of it may a film have turned round
 PASSES: Final = 2  # over the gaps: the turning points in one change the memory after the next
