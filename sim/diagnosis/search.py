@@ -363,25 +363,22 @@ def _residuals(fit: Fit) -> tuple[Array, Array]:
 
 
 def outweighs(fit: Fit, name: str) -> bool:
-    """Return True if an effect does more in one of the channels than what is left over there, counted is only what
+    """Return True if an effect does more in one of the channels than what is left over there; counted is only what
     neither the film nor the other parameters can do in its place."""
-    joint, metric = fit.joint, fit.metric.without_slow()
-    at = joint.solve(fit.at.x, metric, fit.at.known_own)
+    joint, at, left, split = fit.joint, fit.at, left_over(fit), fit.joint.rows_K.size
     less = joint.having([e for e in fit.effects if e.name != name])
-    change = joint.whitened(at, metric, joint.change(at, metric, less.from_other(joint, at.x), True, less)[:, None])
-    split, own = joint.rows_K.size, [not parameter.startswith(f"{name}.") for parameter in joint.names]
-    others = joint.jacobian(at, metric)[:, np.array(own) & joint.moves]
-    if joint.film is not None:
-        columns = at.design[:, at.active]
-        others = np.column_stack((others, np.vstack((np.zeros((split, columns.shape[1])), columns))))
-    change = change[:, 0] - others @ np.linalg.lstsq(others, change[:, 0])[0]
-    left = left_over(fit)
-    for part, channel, key in zip(
-        (change[:split], change[split:]), fit.metric.channels, ("temperature", "output"), strict=False
-    ):
+    change = joint.change(at, fit.metric, less.from_other(joint, at.x), True, less)
+    own = np.array([parameter.startswith(f"{name}.") for parameter in joint.names])
+    others = joint.derivatives(at, fit.metric)[:, ~own & joint.moves]
+    others = np.column_stack((others, joint.film_columns(at)))
+    sizes = [math.hypot(channel.noise.white, channel.noise.slow) for channel in fit.metric.channels]
+    scale = np.repeat(sizes, [split, joint.rows_dec.size][: len(sizes)])
+    others, change = others / scale[:, None], change / scale
+    change = (change - others @ np.linalg.lstsq(others, change)[0]) * scale
+    parts = zip((change[:split], change[split:]), fit.metric.channels, ("temperature", "output"), strict=False)
+    for part, channel, key in parts:
         unknown = channel.noise.slow if key in left else 0.0
-        size = math.hypot(channel.noise.white, channel.noise.slow)  # of the metric without what is slow
-        if part.size and size * rms(part) > max(unknown, LEFT_SHARE * channel.noise.white):
+        if part.size and rms(part) > max(unknown, LEFT_SHARE * channel.noise.white):
             return True
     return False
 

@@ -585,6 +585,10 @@ class Joint:
 
     def jacobian(self, at: Point, metric: Metric) -> Array:
         """Derivatives of both channels' whitened readings, coefficients held, (readings of both, unknowns)."""
+        return self.whitened(at, metric, self.derivatives(at, metric))
+
+    def derivatives(self, at: Point, metric: Metric) -> Array:
+        """The same of the readings as they are."""
         out = np.zeros((self.rows_K.size + self.rows_dec.size, len(self.unknowns)))
         firsts = self._firsts_alone
         for k in np.flatnonzero(self.moves):
@@ -601,7 +605,16 @@ class Joint:
             change = (self.simulate(x, metric).shown_degC - at.run.shown_degC)[self.rows_K] / STEP_K
             stretch = np.searchsorted(self.record.first_rows, self.rows_K, side="right") - 1
             out[:, firsts] = np.where(stretch[:, None] == np.arange(self.first_degC.size), change[:, None], 0.0)
-        return self.whitened(at, metric, out)
+        return out
+
+    def film_columns(self, at: Point) -> Array:
+        """What the ohmmeter shows of the film's active columns at a point, (readings of both, columns)."""
+        run = at.run
+        if run.columns is None or run.nodes is None:
+            return np.empty((self.rows_K.size, 0))
+        meter = Ohmmeter(run.links, run.nodes, run.nodes.at_points(at.own))
+        shown = meter.plain(np.ascontiguousarray(run.columns[:, at.active]))[self.rows_dec]
+        return np.vstack((np.zeros((self.rows_K.size, shown.shape[1])), shown))
 
     @cached_property
     def _firsts_alone(self) -> slice:
