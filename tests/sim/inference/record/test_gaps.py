@@ -183,7 +183,7 @@ def test_a_step_is_found_through_the_last_digit_of_a_file() -> None:
     ("untold", "lacking", "said"),
     [
         ([], [], None),
-        ([], [100, 101], "1 gap in the rows, the longest of 3 s"),
+        ([], [100, 101], "1 gap in the rows, of 3 s"),
         ([30, 60], [], "2 gaps in the rows' currents, the longest of 1 s"),
         ([30, 60], [100, 101], "3 gaps in the rows or in their currents, the longest of 3 s"),
     ],
