@@ -18,14 +18,13 @@ from rig.core.faults import Faults
 from rig.core.reading import Quality, Reading
 from rig.drivers.formula import formula
 from rig.drivers.meter import column_of, film_output
-from rig.drivers.registry import open_meter
+from rig.drivers.registry import METERS, open_meter
 from rig.records.record_file import read_record
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_meter
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
-METERS = ("hp34401a", "keithley2000", "keithley2400", "keithley2450")
 
 
 @pytest.mark.parametrize(

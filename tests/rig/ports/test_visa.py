@@ -13,7 +13,7 @@ import serial
 
 from rig.core.clock import RealClock
 from rig.core.errors import Disconnected, PortHeld, TimedOut
-from rig.drivers.registry import open_meter, searches, tries
+from rig.drivers.registry import METERS, open_meter, searches, tries
 from rig.ports import protocol_sim
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
@@ -106,7 +106,7 @@ def test_who_answers_there(plant: StillPlant) -> None:
     finally:
         protocol_sim.unregister("visa-ask")
     on_visa = {driver for _, driver, _ in searches("visa://GPIB0::1::INSTR")}
-    assert on_visa == {"keithley2000", "keithley2400", "keithley2450", "hp34401a", "lakeshore", "srs_ldc500"}
+    assert on_visa == {*METERS, "lakeshore", "srs_ldc500"}
 
 
 # ---- what a bus does -------------------------------------------------------------------------------
