@@ -29,7 +29,7 @@ ENOUGH_REST: Final = 10.0  # the same in all: a variance is then known to a half
 ALIKE: Final = 0.5  # of the mean square in motion: at rest it is as large, but for chance
 LEVELS: Final = 8  # of what is shown, between which the size of the white noise may change
 A_LEVEL: Final = 100  # readings: a variance is then known to a fifth
-MEDIANS: Final = 0.37  # of the information on a variance is in the median of absolute deviations (Huber, ch. 5)
+MEDIANS: Final = 0.19  # of the information on a variance: a median has 0.37 (Huber, ch. 5), neighbours' bends half
 LOG_SHARE: Final = (-4.0, 1.0)  # bounds of ln(noise / step): below a fiftieth of a step no noise is seen
 LEAST_KNOWN: Final = 1e-6  # of a reading's information: it is divided by
 
@@ -157,7 +157,7 @@ def estimated_noise(
             more = more + noise.step / noise.white**2 * domains.rest
             known = replace(readings, variance=level * far + more)
         if shown is not None:
-            level = relative_variance(left - discrepancy(left, noise, known)[0], shown)
+            level = relative_variance(left, shown)
         again = np.maximum(variances(left, noise, known) / (np.sqrt(level) + more), 1.0)
         settled, far = np.allclose(again, far, rtol=0.1), again
         if settled and shown is None and not np.any(error) and math.isclose(noise.step, before.step, rel_tol=0.1):
@@ -167,17 +167,18 @@ def estimated_noise(
 
 def relative_variance(residual: Array, shown: Array) -> Array:
     """Variance of each reading's white noise over the mean one, by what is shown: an ohmmeter's noise goes with range
-    and resistance. 1 where readings of all sizes are equally noisy, (readings,)."""
-    groups = np.array_split(np.argsort(shown, kind="stable"), min(LEVELS, residual.size // A_LEVEL))
+    and resistance. From what changes from reading to reading, since a film's misfit goes with what is shown, too; 1
+    where readings of all sizes are equally noisy, (readings,)."""
+    groups = np.array_split(np.argsort(shown[1:-1], kind="stable"), min(LEVELS, residual.size // A_LEVEL))
     if len(groups) < 2:
         return np.ones(residual.size)
-    own = np.array([max(float(np.median(np.abs(residual[g]))) * MAD, 1e-300) ** 2 for g in groups])
+    bends = np.abs(np.diff(residual, 2)) * MAD / math.sqrt(6.0)
+    own = np.array([max(float(np.median(bends[g])), 1e-300) ** 2 for g in groups])
     mean = float(np.exp(np.mean(np.log(own))))
-    # of a normal distribution, as if its variance were known as well from the median as from all readings
     gain = 0.5 * float(sum(g.size * (v / mean - 1.0 - math.log(v / mean)) for g, v in zip(groups, own, strict=True)))
     if gain * MEDIANS <= price(len(groups), residual.size):
         return np.ones(residual.size)
-    middles = np.array([float(np.median(shown[g])) for g in groups])
+    middles = np.array([float(np.median(shown[1:-1][g])) for g in groups])
     found = np.exp(np.interp(shown, middles, np.log(own)))
     return np.asarray(found / np.mean(found))
 
