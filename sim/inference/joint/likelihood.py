@@ -51,7 +51,15 @@ from sim.inference.noise import (
     discrepancy,
     rough_noise,
 )
-from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, ROOM_SPREAD_K, first_readings, resting_K
+from sim.inference.nuisance import (
+    LATE_SPREAD,
+    LEAST_NOISE_DEC,
+    LEAST_NOISE_K,
+    ROOM_SPREAD_K,
+    STEP_LATE,
+    first_readings,
+    resting_K,
+)
 from sim.inference.readings.temperature_path import temperature_path
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.inputs import Inputs
@@ -76,6 +84,7 @@ PLATE_NAMES: Final = {  # of the plate's unknowns, as a model file has them
     "s_slope": "seebeck_slope_per_K",
     "r_slope": "resistance_slope_per_K",
 }
+LATE: Final = ".late"  # of a filter behind the plate: how far it is behind at the first row, K or decades
 RELATIVE_STEP: Final = 1e-3  # of a secant of a positive parameter: rounding is 1e-10, curvature 1e-3
 STEP_K: Final = 0.01  # of a secant of a temperature
 SETTLED: Final = 0.05  # log-likelihood that a last step gains: values are then within a third of their deviations
@@ -169,13 +178,15 @@ class Module(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Simulated:
     """One simulation. shown_degC: (rows,); path: of the film; nodes and links of the film's side; columns: of its own
-    output at the points, (points, columns), None without a film."""
+    output at the points, (points, columns), None without a film; late_dec: how far each of the ohmmeter's filters is
+    behind at the first node."""
 
     shown_degC: Array
     path: PlatePath
     links: Links
     nodes: FilmNodes | None = None
     columns: Array | None = None
+    late_dec: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +296,7 @@ class Joint:
         self.high = np.array([unknown.high for unknown in self.unknowns])
         priors = [unknown.prior or (0.0, math.inf) for unknown in self.unknowns]
         self.prior_mean, self.prior_deviation = (np.array(column) for column in np.reshape(priors, (-1, 2)).T)
-        own = [name.startswith(OWN) or ".first_K." in name for name in self.names]
+        own = [name.startswith(OWN) or ".first_K." in name or name.endswith(LATE) for name in self.names]
         jumping = {f"{e.name}.{p.name}" for e in self.effects if jumps(e) for p in e.parameters}
         descends = np.array([name not in jumping for name in self.names], dtype=np.bool_)
         self.moves = np.array(own) if coefficients is not None else descends
@@ -347,6 +358,8 @@ class Joint:
                 else:
                     least = math.log(p.smallest / BESIDE)
                     out.append(Unknown(name, 0.0, 0.02, least, math.log(most), None, thermal))
+            if _begins_late(effect):
+                out.append(Unknown(f"{effect.name}{LATE}", 0.0, STEP_LATE, prior=(0.0, LATE_SPREAD), thermal=False))
             if _begins_anew(effect):
                 out += [
                     Unknown(f"{effect.name}.first_K.{k}", 0.0, STEP_K, prior=(0.0, resting_K(first)))
@@ -467,12 +480,17 @@ class Joint:
             taken_s = links.taken(self.record.taken_s)  # the current heats at the rows, whenever they were read
             order = np.argsort(taken_s, kind="stable")
             power = MeterPower(meter, np.interp(self.record.time_s, taken_s[order], output[order]))
-        nodes = film_nodes(self.record, path, links, [0.0] * len(links.film_lags), power, self.film.start)
+        late_K, late_dec = (self._late(x, filters) for filters in (links.film_lags, links.meter_lags))
+        nodes = film_nodes(self.record, path, links, late_K, power, self.film.start)
         columns = self.film.columns(x[self._first_of_film :], nodes)
         free = self.film.free
         for e in links.hysteretic_part:
             columns[:, free:] = columns_followed(e, nodes.points_s, columns[:, free:])
-        return Simulated(shown, path, links, nodes, columns)
+        return Simulated(shown, path, links, nodes, columns, late_dec)
+
+    def _late(self, x: Array, filters: Sequence[Switched]) -> tuple[float, ...]:
+        """How far each of some filters is behind at the first row."""
+        return tuple(float(x[self.place[f"{e.name}{LATE}"]]) for e in filters)
 
     @cached_property
     def measured(self) -> Array:
@@ -493,7 +511,7 @@ class Joint:
     def _shown(self, run: Simulated, signal: Array, range_of: Array | None) -> Array:
         """What the ohmmeter shows in the rows for the film's own output at the points."""
         assert run.nodes is not None
-        return shown_in_rows(run.links, run.nodes, signal, range_of)
+        return shown_in_rows(run.links, run.nodes, signal, range_of, run.late_dec)
 
     def solve(self, x: Array, metric: Metric, own: Array | None = None) -> Point:
         """The point at x. own: the film's own output in the rows at a point near it."""
@@ -531,7 +549,7 @@ class Joint:
         meter = Ohmmeter(run.links, run.nodes, signal)
         design = meter.plain(run.columns)[self.rows_dec]
         target = self.output
-        if not run.links.linear:
+        if not run.links.linear or any(run.late_dec):
             known = self._shown(run, signal, range_of) - meter.plain(signal[:, None])[:, 0]
             target = target - known[self.rows_dec]
         white = output.whitening.of(np.column_stack((design, target)))
@@ -805,6 +823,11 @@ class Joint:
         return tuple(  # type: ignore[return-value]
             Readings.at(time[rows], np.diff(record[rows], prepend=0) > 0) for rows in (self.rows_K, self.rows_dec)
         )
+
+
+def _begins_late(effect: Effect) -> bool:
+    """Whether it is a filter of the film's temperature or of the ohmmeter: nobody knows what it was behind before."""
+    return isinstance(effect.form, Filter) and effect.form.target in ("film_temperature", "log_resistance")
 
 
 def _begins_anew(effect: Effect) -> bool:
