@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -96,13 +97,17 @@ def turning_points(
     margin = BEYOND * (high - low)
     lower = below - np.geomspace(NEAREST_K, max(below - low + margin, 2.0 * NEAREST_K), TRIED)
     higher = above + np.geomspace(NEAREST_K, max(high - above + margin, 2.0 * NEAREST_K), TRIED)
+    cost = cache(cost)
     either = [below, above, *lower.tolist(), *higher.tolist()]
 
     def longer(turns: Turns) -> Turns:
         """The same with one more, before or after all of them."""
         tried = {(*turns, degC) for degC in either} | {(degC, *turns) for degC in either}
+        first = min(sorted(tried), key=cost)
+        if not turns and cost(first) >= cost(turns):
+            return first  # none of them says anything
         # those at hand were the best alone: with one at an end besides, they may lie elsewhere
-        starts = {min(sorted(tried), key=cost), *((*turns, degC) for degC in ends_degC.tolist() if turns)}
+        starts = {first, *((*turns, degC) for degC in ends_degC.tolist() if turns)}
         return min((_closer(start, cost, (below, above)) for start in sorted(starts)), key=cost)
 
     def value(turns: Turns) -> float:
