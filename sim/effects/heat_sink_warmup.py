@@ -3,7 +3,8 @@
     C   dT_p/dt =  S I T_p + 1/2 R_e I^2 - G (T_p - T_s)
     C_s dT_s/dt = -S I T_s + 1/2 R_e I^2 + G (T_p - T_s) - G_s (T_s - T_a)          T in kelvin in the Seebeck terms
 
-Where S changes with temperature, it is S(T_p) in the first and S(T_s) in the second; R_e is that at T_p in both.
+Where S and R_e change with temperature, they are those at T_p in both: with the Thomson heat, which is of the order of
+their slopes, a slope that a fit finds is an effective one.
 
 Parameters: sink_capacity_ratio = C_s/C, met 3 .. 30; sink_conductance_ratio_per_s = G_s/C, met 0.02 .. 0.5 1/s.
 Source: the heat balance of both faces, H. J. Goldsmid, Introduction to Thermoelectricity (Springer 2010), ch. 1.

@@ -74,8 +74,7 @@ def _rates(
         if terms[k, 0] != 0:
             rate += call(terms[k, 0], values[k, 0], values[k, 1], s, r, g, ambient, t, plate, own[k], current)
         if terms[k, 1] != 0:
-            there = seebeck(par, own[k])
-            out[k] = call(terms[k, 1], values[k, 0], values[k, 1], there, r, g, ambient, t, plate, own[k], current)
+            out[k] = call(terms[k, 1], values[k, 0], values[k, 1], s, r, g, ambient, t, plate, own[k], current)
     return float(rate)
 
 

@@ -41,10 +41,11 @@ def test_against_a_library_integrator(current: float, dt: float) -> None:
 
 
 def sloped_rates(_: float, x: np.ndarray, current: float, ratio: float, loss: float) -> list[float]:
-    """S at each face is that of the face's own temperature; R_e is the plate's."""
+    """S and R_e at both faces are those at the plate's temperature."""
     plate, sink = x
     joule, through = 0.03 * (1.0 + 0.004 * (plate - 25.0)) * current**2, 0.018 * (plate - sink)
-    pumped = [1.6e-3 * (1.0 + 0.002 * (t - 25.0)) * current * (t + 273.15) for t in (plate, sink)]
+    seebeck = 1.6e-3 * (1.0 + 0.002 * (plate - 25.0))
+    pumped = [seebeck * current * (t + 273.15) for t in (plate, sink)]
     return [pumped[0] + joule - through, (-pumped[1] + joule + through - loss * (sink - 25.0)) / ratio]
 
 
