@@ -24,7 +24,7 @@ from sim.inference.film.fit import identify_film_records
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.rows import FilmRecord
 from sim.inference.joint.films import PIFilm, PreisachFilm
-from sim.inference.joint.held_out import for_simulation, simulated
+from sim.inference.joint.held_out import simulated
 from sim.inference.joint.likelihood import Fit
 from sim.inference.noise import Readings, discrepancy
 from sim.inference.nuisance import fit_own
@@ -85,7 +85,7 @@ class NamedCurve:
 def extended_model(fit: Fit, record: Record, earlier: Sequence[Record] = ()) -> ExtendedModel:
     """Return the model of a fit to a record. earlier: other records of the film."""
     with threadpool_limits(limits=1):
-        fit = for_simulation(fit)
+        fit = fit.for_simulation
         effects: list[dict[str, float | str]] = [{"name": name, **own} for name, own in fit.values().items()]
         plate = plate_model(fit) if fit.joint.driven else None
         if fit.joint.film is None:

@@ -22,7 +22,7 @@ from sim.effects.effect import Effect, Reading
 from sim.inference.covariance import NORMAL_95
 from sim.inference.gain import Gain, gain, rms
 from sim.inference.joint.films import PIFilm
-from sim.inference.joint.held_out import errors_in, for_simulation
+from sim.inference.joint.held_out import errors_in
 from sim.inference.joint.likelihood import Fit
 from sim.inference.record.lattice import step_error
 from sim.inference.record.record import Mask, Record
@@ -118,7 +118,7 @@ def judged(
         film,
         every,
         tuple(next_experiment),
-        plate_numbers(for_simulation(fit), errors),
+        plate_numbers(fit.for_simulation, errors),
         candidates,
         limits,
         {name: sizes for name, sizes in all_sizes.items() if name in search.assumed},

@@ -11,7 +11,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.search import Search
 from sim.inference.gain import Gain
-from sim.inference.joint.held_out import for_simulation, simulated
+from sim.inference.joint.held_out import simulated
 from sim.inference.joint.likelihood import Fit
 from sim.inference.record.record import Mask, Record
 
@@ -157,7 +157,7 @@ class Diagnosis:
     @property
     def rooms_degC(self) -> list[float]:
         """Each record's room; none without a current."""
-        joint, x = self.fit.joint, for_simulation(self.fit).at.x
+        joint, x = self.fit.joint, self.fit.for_simulation.at.x
         if not joint.driven:
             return []
         room = float(x[joint.place["ambient_degC"]])

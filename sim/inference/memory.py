@@ -26,10 +26,12 @@ TRIED: Final = 8  # temperatures on either side
 NEAREST_K: Final = 0.1  # of them, beyond where the film is: less is within a thermometer's error
 BEYOND: Final = 0.25  # of the range of temperatures: so far out of it may a film have turned round
 PASSES: Final = 2  # over the gaps: the turning points in one change the memory after the next
-CLOSE_K: Final = 0.01  # to which a temperature is looked for
+CLOSE_K: Final = 0.02  # to which a temperature is looked for
 SHARE: Final = 0.3  # of a turning point's distance, by which it is moved first: half of the way to the next one tried
-FLAT: Final = 1e-3  # of a log-likelihood
+FLAT: Final = 1e-2  # of a log-likelihood
 STEPS_EACH: Final = 40  # evaluations for each of several turning points
+FIRST_EACH: Final = 10  # of them, to see which of several starts is the best
+SAYS: Final = 0.25  # of its worth, that the best of the temperatures tried has to bring before others are looked for
 Turns = tuple[float, ...]
 Gap = tuple[float, Array]  # the time (s) of the row after it, the temperatures (degC) of the rows at its ends
 
@@ -73,7 +75,7 @@ def through_gaps(
 ) -> FilmStart:
     """Return the memory with what the film went through in each gap, straight from one end to the other where nothing
     is clearly better. cost, seen_degC, worth: as in `begun`."""
-    for _ in range(PASSES if gaps else 0):
+    for _ in range(min(PASSES, len(gaps))):
         before = start
         for end_s, ends in gaps:
 
@@ -104,11 +106,12 @@ def turning_points(
         """The same with one more, before or after all of them."""
         tried = {(*turns, degC) for degC in either} | {(degC, *turns) for degC in either}
         first = min(sorted(tried), key=cost)
-        if not turns and cost(first) >= cost(turns):
-            return first  # none of them says anything
+        if not turns and cost(turns) - cost(first) < SAYS * worth:
+            return first
         # those at hand were the best alone: with one at an end besides, they may lie elsewhere
         starts = {first, *((*turns, degC) for degC in ends_degC.tolist() if turns)}
-        return min((_closer(start, cost, (below, above)) for start in sorted(starts)), key=cost)
+        near = [_closer(start, cost, (below, above), FIRST_EACH) for start in sorted(starts)]
+        return _closer(min(near, key=cost), cost, (below, above))
 
     def value(turns: Turns) -> float:
         return cost(turns) + worth * len(turns)
@@ -122,7 +125,12 @@ def turning_points(
     return best
 
 
-def _closer(turns: Turns, cost: Callable[[Turns], float], ends_degC: tuple[float, float] | None = None) -> Turns:
+def _closer(
+    turns: Turns,
+    cost: Callable[[Turns], float],
+    ends_degC: tuple[float, float] | None = None,
+    steps_each: int = STEPS_EACH,
+) -> Turns:
     """Return turning points nearby at which the cost is least. ends_degC: between which none lies."""
     if not turns:
         return turns
@@ -141,7 +149,7 @@ def _closer(turns: Turns, cost: Callable[[Turns], float], ends_degC: tuple[float
             "initial_simplex": np.vstack((here, here + np.diag(steps))),
             "xatol": CLOSE_K,
             "fatol": FLAT,
-            "maxfev": STEPS_EACH * here.size,
+            "maxfev": steps_each * here.size,
         },
     )
     return tuple(found.x.tolist()) if found.fun < cost(turns) else turns

@@ -1,9 +1,5 @@
 """Errors on rows of a record that no fit has seen: of the simulation from the recorded current, without any
 discrepancy.
-
-A model that lacks something has two best sets of numbers. Those of the largest likelihood leave to the discrepancy all
-that is slow, and say what the rest of the record shows of each effect. Those of the least error of the simulation are
-the ones to predict with (`for_simulation`; R. Tuo, C. F. J. Wu, Ann. Statist. 43 (2015) 2331).
 """
 
 from __future__ import annotations
@@ -14,43 +10,16 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.inference.joint.channel_noise import ChannelNoise, Metric
 from sim.inference.joint.likelihood import Fit, Joint, Point
 from sim.inference.joint.starts import first_metric
-from sim.inference.noise import Noise
-from sim.model.recorded import Mask, driven_rows
+from sim.model.recorded import Mask
 
 HELD_STEPS = 6  # of a fit without the held-out rows, from the fit with them
-SIMULATION_STEPS = 30  # of a descent to the least error, from a point that may be far: as of a first fit
-
-
-def for_simulation(fit: Fit) -> Fit:
-    """Return the fit with its thermal side where the simulation's error is least, if that lacks more than the noise.
-
-    Each reading counts as one with white noise of the discrepancy's density at low frequencies, so that priors keep
-    their weight; until a current first drove the plate nothing is amiss, and it counts fully.
-    """
-    joint, channel = fit.joint, fit.metric.temperature
-    noise = channel.noise
-    if not joint.driven or channel.of_instrument or noise.slow <= noise.white:
-        return fit
-    thermal = Joint(joint.record, [e for e in fit.effects if e.before_film], None, joint.kind, slopes=joint.slopes)
-    lasts = 1.0 + noise.tau_s / channel.readings.step_s()
-    driven = driven_rows(joint.record, joint.record.joined)[joint.rows_K]
-    variance = np.where(driven, 1.0 + noise.ratio * lasts, 1.0)
-    white = ChannelNoise(Noise(noise.white), replace(channel.readings, variance=variance))
-    metric = Metric(white, None)
-    at = thermal.descend(thermal.solve(thermal.from_other(joint, fit.at.x), metric), metric, SIMULATION_STEPS)
-    x = fit.at.x.copy()
-    x[[joint.place[name] for name in thermal.names]] = at.x
-    metric = joint.noise(joint.solve(x, fit.metric, fit.at.known_own), fit.metric)
-    again = joint.solve(x, metric, fit.at.known_own)
-    return Fit(joint, again, metric, joint.log_likelihood(again, metric), fit.most)
 
 
 def simulated(fit: Fit) -> Point:
     """A fit's simulation from the recorded current (or temperature), its plate's discrepancy left out."""
-    fit = for_simulation(fit)
+    fit = fit.for_simulation
     return _plain(fit.joint.on(fit.joint.record, fit.at.coefficients), fit.at)
 
 
@@ -94,6 +63,6 @@ def without_rows(fit: Fit, held: Mask) -> Fit:
 
 def errors_in(fit: Fit, held: Mask) -> dict[str, Array]:
     """Residuals of a fit without some rows, in these rows, nan elsewhere, by channel."""
-    less = for_simulation(without_rows(fit, held))
+    less = without_rows(fit, held).for_simulation
     whole = fit.joint.on(fit.joint.record, less.at.coefficients)
     return {name: np.where(held, left, np.nan) for name, left in residuals(whole, less.at).items()}

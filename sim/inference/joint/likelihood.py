@@ -46,11 +46,7 @@ from sim.inference.joint.channel_noise import (
 from sim.inference.joint.domains import Domains, Relays, domain_columns
 from sim.inference.levenberg_marquardt import Damping, Linearized, descend, held_at_bounds
 from sim.inference.nnls import reduced, solve_triangle
-from sim.inference.noise import (
-    Readings,
-    discrepancy,
-    rough_noise,
-)
+from sim.inference.noise import Noise, Readings, discrepancy, rough_noise
 from sim.inference.nuisance import (
     LATE_SPREAD,
     LEAST_NOISE_DEC,
@@ -69,7 +65,7 @@ from sim.model.ohmmeter import Ohmmeter, before_ranges, shown_in_rows
 from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
 from sim.model.record_own import FilmStart, anew_rows
 from sim.model.record_run import straight_path
-from sim.model.recorded import Recorded, Rows
+from sim.model.recorded import Recorded, Rows, driven_rows
 
 Mask = NDArray[np.bool_]
 OWN: Final = ("ambient_degC", "room_K.", "first_degC.")  # what belongs to a record, and bodies' first temperatures
@@ -89,10 +85,12 @@ RELATIVE_STEP: Final = 1e-3  # of a secant of a positive parameter: rounding is 
 STEP_K: Final = 0.01  # of a secant of a temperature
 SETTLED: Final = 0.05  # log-likelihood that a last step gains: values are then within a third of their deviations
 STEPS: Final = 12  # of a descent: from a near start 4 to 6 are taken
+SIMULATION_STEPS: Final = 30  # of a descent to the simulation's least error, from a point that may be far
 ROUNDS: Final = 3  # of fit and noise in turn
 BESIDE: Final = 10.0  # how far beyond its typical range an effect's size may go in a fit, as a factor
 DAMPING: Final = Damping(1e-3, 0.2, 8.0, 1e-7, 1e-4, 6)
 ROUNDED: Final = 0.5  # of a noise: a step of readings that is larger is seen in their likelihood
+NEAR: Final = 1.0  # squared deviations from where derivatives were taken: residuals tell no difference within them
 RANGES: Final = 3.0  # deviations of a reading from a threshold within which either range may have been on
 
 
@@ -194,7 +192,8 @@ class Point:
     """A place in parameter space with its best coefficients. residual_K, residual_dec: of the used readings; own: the
     film's own output in the rows; shown_dec: as the ohmmeter shows it, in the rows; design: the film's columns in the
     used readings; active: the columns that carry the fit; cost: minus the log-likelihood without `log_scale`; known_K:
-    the share of its information that a thermometer's reading still has after it was rounded."""
+    the share of its information that a thermometer's reading still has after it was rounded; tangent: x of a place
+    nearby, and the derivatives of both channels' readings there."""
 
     x: Array
     run: Simulated
@@ -210,6 +209,7 @@ class Point:
     own: Array = field(default_factory=lambda: np.empty(0))
     range_of: Array = field(default_factory=lambda: np.empty(0))
     shown_dec: Array = field(default_factory=lambda: np.empty(0))
+    tangent: tuple[Array, Array] | None = None
 
     @property
     def known_own(self) -> Array | None:
@@ -254,6 +254,32 @@ class Fit:
         known = np.isfinite(joint.prior_deviation) & ~np.isin(joint.names, without)
         precision = np.diag(np.where(known, joint.prior_deviation, np.inf) ** -2.0)
         return block_sandwich(jacobian, residual, precision=precision)
+
+    @cached_property
+    def for_simulation(self) -> Fit:
+        """The fit with its thermal side where the simulation's error is least, if that lacks more than the noise.
+
+        A model that lacks something has two best sets of numbers. Those of the largest likelihood leave to the
+        discrepancy all that is slow, and say what the rest of the record shows of each effect. Those of the least error
+        are the ones to predict with (R. Tuo, C. F. J. Wu, Ann. Statist. 43 (2015) 2331). Each reading then counts as
+        one with white noise of the discrepancy's density at low frequencies, so that priors keep their weight; until a
+        current first drove the plate nothing is amiss, and it counts fully."""
+        joint, channel = self.joint, self.metric.temperature
+        noise = channel.noise
+        if not joint.driven or channel.of_instrument or noise.slow <= noise.white:
+            return self
+        thermal = Joint(joint.record, [e for e in self.effects if e.before_film], None, joint.kind, slopes=joint.slopes)
+        lasts = 1.0 + noise.tau_s / channel.readings.step_s()
+        driven = driven_rows(joint.record, joint.record.joined)[joint.rows_K]
+        variance = np.where(driven, 1.0 + noise.ratio * lasts, 1.0)
+        white = ChannelNoise(Noise(noise.white), replace(channel.readings, variance=variance))
+        metric = Metric(white, None)
+        at = thermal.descend(thermal.solve(thermal.from_other(joint, self.at.x), metric), metric, SIMULATION_STEPS)
+        x = self.at.x.copy()
+        x[[joint.place[name] for name in thermal.names]] = at.x
+        metric = joint.noise(joint.solve(x, self.metric, self.at.known_own), self.metric)
+        again = joint.solve(x, metric, self.at.known_own)
+        return Fit(joint, again, metric, joint.log_likelihood(again, metric), self.most)
 
 
 def coordinate(value: float, signed: bool) -> float:
@@ -513,9 +539,9 @@ class Joint:
         assert run.nodes is not None
         return shown_in_rows(run.links, run.nodes, signal, range_of, run.late_dec)
 
-    def solve(self, x: Array, metric: Metric, own: Array | None = None) -> Point:
-        """The point at x. own: the film's own output in the rows at a point near it."""
-        run = self.simulate(x, metric, own)
+    def solve(self, x: Array, metric: Metric, own: Array | None = None, held: Simulated | None = None) -> Point:
+        """The point at x. own: the film's own output in the rows at a point near it; held: as in `simulate`."""
+        run = self.simulate(x, metric, own, held)
         residual = self.degC - run.shown_degC[self.rows_K]
         if not np.all(np.isfinite(residual)) or np.max(np.abs(residual)) > 1e5:
             return Point(x, run, residual, math.inf, residual, np.ones(residual.size))
@@ -687,10 +713,9 @@ class Joint:
         return 0.5 * self._share(x)[0] ** 2
 
     def normal_equations(self, at: Point, metric: Metric) -> tuple[Array, Array]:
-        """N and g of a Gauss-Newton step, priors included."""
-        if not self.unknowns:
-            return np.zeros((0, 0)), np.zeros(0)
-        inner = self.projected(at, self.jacobian(at, metric))
+        """N and g of a Gauss-Newton step by the point's tangent, priors included."""
+        assert at.tangent is not None
+        inner = self.projected(at, self.whitened(at, metric, at.tangent[1]))
         precision = self.prior_deviation**-2.0
         away, gradient = self._share(at.x)
         normal = inner[:-1, :-1] + np.diag(precision) + np.outer(gradient, gradient)
@@ -709,14 +734,20 @@ class Joint:
             return at
 
         def linearized(here: Point) -> Linearized[Point]:
-            normal, gradient = self.normal_equations(here, metric)
+            if here.tangent is not None:
+                normal, gradient = self.normal_equations(here, metric)
+                moved_by = here.x - here.tangent[0]
+            if here.tangent is None or not moved_by @ normal @ moved_by < NEAR:  # nan is far, too
+                here = replace(here, tangent=(here.x, self.derivatives(here, metric)))
+                normal, gradient = self.normal_equations(here, metric)
             if not np.all(np.isfinite(normal)):
                 normal, gradient = np.eye(gradient.size), np.zeros(gradient.size)
             held_at_bounds(normal, gradient, here.x, self.low, self.high)
             scale = np.maximum(np.diag(normal), 1e-12 * float(np.max(np.diag(normal), initial=0.0)) + 1e-300)
 
             def moved(move: Array) -> Point:
-                return self.solve(np.clip(here.x + move, self.low, self.high), metric, here.known_own)
+                there = self.solve(np.clip(here.x + move, self.low, self.high), metric, here.known_own)
+                return replace(there, tangent=here.tangent)
 
             return Linearized(normal, gradient, scale, moved)
 
@@ -725,9 +756,11 @@ class Joint:
 
         return descend(at, steps, lambda point: point.cost, linearized, last, DAMPING, 0.1 * settled)
 
-    def noise(self, at: Point, before: Metric, most: tuple[float, float] = (math.inf, math.inf)) -> Metric:
+    def noise(
+        self, at: Point, before: Metric, most: tuple[float, float] = (math.inf, math.inf), near: bool = False
+    ) -> Metric:
         """The likeliest noise for a point's residuals. before: for the weights of readings far out; most: the largest
-        discrepancy of each channel."""
+        discrepancy of each channel; near: the film's path is nearly that of the noise before."""
         readings, step = before.temperature.readings, self.record.step_K
         if not before.simulated:
             temperature = before.temperature
@@ -743,7 +776,7 @@ class Joint:
             return before.of(temperature, None)
         error = np.hypot(self.path_error(at, temperature), self._range_error(at, before.output.noise.white))
         start = before.output
-        if start.domains is not None:
+        if start.domains is not None and not near:
             start = self.in_domains(at, start, start.domains.relays, start.domains.parts)
         shown = at.shown_dec[self.rows_dec]
         output = estimated_noise(at.residual_dec, start.readings, error, LEAST_NOISE_DEC, most[1], start, shown)
@@ -804,8 +837,8 @@ class Joint:
             at = self.descend(at, metric, steps, settled)
             if not math.isfinite(at.cost):
                 break
-            metric = self.noise(at, metric, most)
-            at = self.solve(at.x, metric, at.known_own)
+            metric = self.noise(at, metric, most, near=best is not None)
+            at = replace(self.solve(at.x, metric, at.known_own), tangent=at.tangent)
             fit = Fit(self, at, metric, self.log_likelihood(at, metric), most)
             last = best is not None and fit.log_likelihood < best.log_likelihood + 0.3
             if best is None or fit.log_likelihood > best.log_likelihood:

@@ -205,7 +205,7 @@ def remembering(joint: Joint, at: Point, metric: Metric) -> tuple[Joint, Point]:
 
     def begun_with(start: FilmStart) -> tuple[Joint, Point]:
         other = joint.having(joint.effects, film.starting_with(start))
-        return other, other.solve(at.x, metric, at.own)
+        return other, other.solve(at.x, metric, at.own, at.run)
 
     def cost(start: FilmStart) -> float:
         return begun_with(start)[1].cost

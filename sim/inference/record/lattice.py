@@ -9,10 +9,11 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 
 SMALLEST_K = 0.02  # a file's own last digit is no finding
-FEWEST_PER_STEP = 4.0
 NEAR = 0.02  # of a step: on the lattice
 MOST_ON_IT = 0.98  # of the readings
-FEW = 4  # of the values, over which the median distance of neighbours numbers them rightly
+OFF = 0.05  # share of a step of `SMALLEST_K`: a last digit of 0.001, by which the distance of neighbours may be off
+IN_A_TURN = 8.0  # steps tried for each by which the last reading's number changes by one
+ENOUGH = 2000  # values to tell a step by: each more sharpens nothing
 ALIKE = 9  # digits in which readings are the same: converted or averaged ones differ in the last of sixteen
 
 
@@ -23,8 +24,8 @@ def lattice_step(values: Array) -> float:
     if largest > 0.0:
         values = np.round(values, ALIKE - 1 - math.floor(math.log10(largest)))
     distinct, times = np.unique(values, return_counts=True)
-    distinct, times = distinct[times > 1], times[times > 1]
-    if distinct.size < 3 or np.sum(times) < FEWEST_PER_STEP * distinct.size:
+    distinct = distinct[times > 1]
+    if distinct.size < 3:
         return 0.0
     gaps = np.diff(distinct)
     tolerance = 1e-6 * max(float(np.max(np.abs(distinct))), 1.0)
@@ -32,16 +33,15 @@ def lattice_step(values: Array) -> float:
     if not gaps.size:
         return 0.0
     step = float(np.median(gaps[gaps < 1.5 * np.min(gaps)]))
-    count = FEW
-    while True:  # over a longer and longer range, since a file's last digit hides the step over a short one
-        part = distinct[:count] - distinct[0]
-        index = np.round(part / step)
-        if index[-1] < 2:
-            return 0.0
-        step = float(np.polyfit(index, part, 1)[0])
-        if count >= distinct.size:
-            break
-        count *= 2
+    # a file's last digit hides the step between neighbours, not over the whole range
+    some = distinct[:: 1 + distinct.size // ENOUGH] - distinct[0]
+    turns = np.linspace(1.0 - OFF, 1.0 + OFF, 3 + round(IN_A_TURN * 2.0 * OFF * float(some[-1]) / step)) / step
+    sharp = [abs(np.mean(np.exp(2j * np.pi * turn * some))) for turn in turns.tolist()]
+    step = 1.0 / float(turns[int(np.argmax(sharp))])
+    index = np.round((distinct - distinct[0]) / step)
+    if index[-1] < 2:
+        return 0.0
+    step = float(np.polyfit(index, distinct, 1)[0])
     index = (values - distinct[0]) / step
     if step < SMALLEST_K or np.mean(np.abs(index - np.round(index)) < NEAR) < MOST_ON_IT:
         return 0.0
