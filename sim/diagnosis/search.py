@@ -24,6 +24,7 @@ from sim.inference.joint.starts import (
     remembered,
     restarted,
     with_pi_film,
+    with_plate_anew,
     with_preisach_film,
 )
 from sim.inference.noise import estimate
@@ -248,7 +249,10 @@ class Search:
         found = self.add(fit)
         if found is None or self.gain(found, fit) <= self.cost_of(found, found.effects[-1:]):
             return None
-        better = self.keep(remembered(found) if "output" in left_over(found) else found)
+        left = left_over(found)
+        if "temperature" in left and found.effects[-1].before_film:
+            found = with_plate_anew(found)
+        better = self.keep(remembered(found) if "output" in left else found)
         better = self.pruned(self.likelier_module(better) if found.effects[-1].before_film else better)
         went_again = better.effects == fit.effects and better.log_likelihood <= fit.log_likelihood + WORTH
         return None if went_again else better

@@ -59,7 +59,7 @@ from sim.inference.nuisance import (
 from sim.inference.readings.temperature_path import temperature_path
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.inputs import Inputs
-from sim.model.links import Links, columns_followed, links_of
+from sim.model.links import Links, behind, columns_followed, links_of
 from sim.model.meter_power import MeterCurrent, MeterPower
 from sim.model.ohmmeter import Ohmmeter, before_ranges, shown_in_rows
 from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
@@ -177,7 +177,7 @@ class Module(NamedTuple):
 class Simulated:
     """One simulation. shown_degC: (rows,); path: of the film; nodes and links of the film's side; columns: of its own
     output at the points, (points, columns), None without a film; late_dec: how far each of the ohmmeter's filters is
-    behind at the first node."""
+    behind at the first node; owed_dec: what filters of the film's output are still behind since then, at the points."""
 
     shown_degC: Array
     path: PlatePath
@@ -185,6 +185,7 @@ class Simulated:
     nodes: FilmNodes | None = None
     columns: Array | None = None
     late_dec: tuple[float, ...] = ()
+    owed_dec: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -510,9 +511,11 @@ class Joint:
         nodes = film_nodes(self.record, path, links, late_K, power, self.film.start)
         columns = self.film.columns(x[self._first_of_film :], nodes)
         free = self.film.free
+        owed_dec = np.zeros(nodes.points_s.size)
         for e in links.hysteretic_part:
             columns[:, free:] = columns_followed(e, nodes.points_s, columns[:, free:])
-        return Simulated(shown, path, links, nodes, columns, late_dec)
+            owed_dec += self._late(x, [e])[0] * behind(e, nodes.points_s)[:, 0]
+        return Simulated(shown, path, links, nodes, columns, late_dec, owed_dec if links.hysteretic_part else None)
 
     def _late(self, x: Array, filters: Sequence[Switched]) -> tuple[float, ...]:
         """How far each of some filters is behind at the first row."""
@@ -537,6 +540,7 @@ class Joint:
     def _shown(self, run: Simulated, signal: Array, range_of: Array | None) -> Array:
         """What the ohmmeter shows in the rows for the film's own output at the points."""
         assert run.nodes is not None
+        signal = signal if run.owed_dec is None else signal + run.owed_dec
         return shown_in_rows(run.links, run.nodes, signal, range_of, run.late_dec)
 
     def solve(self, x: Array, metric: Metric, own: Array | None = None, held: Simulated | None = None) -> Point:
@@ -575,7 +579,7 @@ class Joint:
         meter = Ohmmeter(run.links, run.nodes, signal)
         design = meter.plain(run.columns)[self.rows_dec]
         target = self.output
-        if not run.links.linear or any(run.late_dec):
+        if not run.links.linear or any(run.late_dec) or run.owed_dec is not None:
             known = self._shown(run, signal, range_of) - meter.plain(signal[:, None])[:, 0]
             target = target - known[self.rows_dec]
         white = output.whitening.of(np.column_stack((design, target)))
@@ -859,8 +863,8 @@ class Joint:
 
 
 def _begins_late(effect: Effect) -> bool:
-    """Whether it is a filter of the film's temperature or of the ohmmeter: nobody knows what it was behind before."""
-    return isinstance(effect.form, Filter) and effect.form.target in ("film_temperature", "log_resistance")
+    """Whether it is a filter behind the thermometer: nobody knows what it was behind before."""
+    return isinstance(effect.form, Filter) and effect.form.target != "thermometer"
 
 
 def _begins_anew(effect: Effect) -> bool:

@@ -32,6 +32,7 @@ STEEPNESS: Final = 0.45  # of its relays: the smoothest that are as steep as fil
 WEIGHTS_DEC: Final = (0.1, 0.03, 0.01, 0.003)  # prior deviations of a relay's weight
 TRIED: Final = 3  # of the starts of the film that are descended from
 FIRST_STEPS: Final = 6  # of these descents
+FAR_WORSE: Final = 2.0  # times the error of the best simulation
 
 
 def first_metric(joint: Joint) -> Metric:
@@ -44,19 +45,21 @@ def first_metric(joint: Joint) -> Metric:
 
 
 def plate_fit(record: TwoChannels, kinds: Sequence[Kind] = ("peltier",)) -> Fit:
-    """The plate alone, of the likelier kind, each with its likelier module: one whose numbers change with temperature,
-    or one where they do not."""
-    found = []
-    for kind in kinds if record.current_A is not None else kinds[:1]:
-        slopes = (True, False) if kind == "peltier" else (False,)
-        tried = [module_fit(Joint(record, (), None, kind, slopes=some)) for some in slopes]
-        found.append(max(tried, key=lambda f: f.log_likelihood))
+    """The plate alone, of the likeliest kind and module: one whose numbers change with temperature, or one where they do
+    not."""
+    modules = [(kind, slopes) for kind in kinds for slopes in ((True, False) if kind == "peltier" else (False,))]
+    if record.current_A is None:
+        modules = modules[:1]
+    found = [module_fit(Joint(record, (), None, kind, slopes=slopes)) for kind, slopes in modules]
+    # a discrepancy makes up for any plate: one that simulates far worse than another is none
+    least = min(fit.most[0] for fit in found)
+    found = [fit for fit in found if fit.most[0] <= FAR_WORSE * least]
     return max(found, key=lambda f: f.log_likelihood - 0.5 * f.joint.module.parameters * math.log(f.joint.rows_K.size))
 
 
-def module_fit(joint: Joint, rounds: int = ROUNDS, last: float = SETTLED) -> Fit:
+def module_fit(joint: Joint, rounds: int = ROUNDS, last: float = SETTLED, start: Array | None = None) -> Fit:
     """The plate alone, of a module of one kind: first by the least error of the simulation, then with its noise, in so
-    many rounds. last: log-likelihood that the last step of each descent gains."""
+    many rounds. last: log-likelihood that the last step of each descent gains; start: of what no balance tells."""
     metric = first_metric(joint)
     if not joint.driven:
         at = joint.solve(joint.start(), metric)
@@ -64,7 +67,7 @@ def module_fit(joint: Joint, rounds: int = ROUNDS, last: float = SETTLED) -> Fit
         return Fit(joint, at, Metric(path, None, simulated=False), 0.0)
     tried = []
     for par in rough_balances(joint.record, joint.kind):
-        x = joint.start()
+        x = joint.start() if start is None else start.copy()
         for name, value in zip(("s", "r", "g", "q", "ambient_degC"), par, strict=True):
             if name in joint.place:
                 x[joint.place[name]] = value
@@ -237,6 +240,20 @@ def with_pi_film(fit: Fit) -> Fit:
 def restarted(fit: Fit) -> Fit:
     """The fit with its film begun anew, where that is likelier: local minima look like effects."""
     return max(fit, with_pi_film(fit), key=lambda f: f.log_likelihood)
+
+
+def with_plate_anew(fit: Fit) -> Fit:
+    """The fit with its plate begun anew from all starts, where that is likelier: a large discrepancy stands in for
+    parameters that are off, and keeps them there."""
+    joint, metric = fit.joint, fit.metric
+    thermal = Joint(joint.record, [e for e in fit.effects if e.before_film], None, joint.kind, slopes=joint.slopes)
+    plate = module_fit(thermal, start=thermal.from_other(joint, fit.at.x))
+    x = joint.from_other(thermal, plate.at.x)
+    kept = [k for k, name in enumerate(joint.names) if name not in thermal.place]
+    x[kept] = fit.at.x[kept]
+    most = min(fit.most[0], plate.most[0]), fit.most[1]
+    again = joint.fit(x, metric.of(plate.metric.temperature, metric.output), fit.at.known_own, most=most)
+    return max(fit, again, key=lambda f: f.log_likelihood)
 
 
 def _with_film(fit: Fit) -> Fit:
