@@ -262,9 +262,15 @@ class Search:
         film = fit.joint.film
         if not isinstance(film, PIFilm) or "output" not in left_over(fit) or film.operators == film.finer().operators:
             return fit
-        joint = fit.joint.having(fit.effects, film.finer())
-        other = joint.fit(fit.at.x, fit.metric, fit.at.known_own, most=fit.most)
+        other = self.with_finer_film(fit)
         return fit if "output" in left_over(other) else self.of_film(other, fit) or fit
+
+    @staticmethod
+    def with_finer_film(fit: Fit) -> Fit:
+        """The fit with closer radii of its PI film."""
+        assert isinstance(fit.joint.film, PIFilm)
+        joint = fit.joint.having(fit.effects, fit.joint.film.finer())
+        return joint.fit(fit.at.x, fit.metric, fit.at.known_own, most=fit.most)
 
     def of_another_kind(self, fit: Fit) -> Fit | None:
         """The likeliest fit with a Preisach film, smooth or in domains, with all effects or without those that may
@@ -313,6 +319,12 @@ class Search:
             if left and not outweighs(fit, effect.name):
                 continue  # it gets no name
             less, name = self.without(fit, effect.name), effect.name
+            if not effect.before_film and isinstance(less.joint.film, PIFilm):
+                plain = self.of_film(self.with_finer_film(less), fit)  # radii may be what it stands in for
+                if plain is not None:
+                    self.say(f"dropped {name}: closer radii of the film do the same")
+                    fit = plain
+                    continue
 
             def others(effect: Effect, name: str = name) -> bool:
                 return effect.name != name

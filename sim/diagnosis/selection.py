@@ -15,7 +15,7 @@ from sim.effects.effect import Effect
 from sim.inference.evidence import price
 from sim.inference.joint.films import PIFilm, PreisachFilm
 from sim.inference.joint.likelihood import Fit, Module
-from sim.inference.joint.starts import base_fit
+from sim.inference.joint.starts import plate_fit, with_first_film
 from sim.inference.record.record import Record
 from sim.model.film_columns import SmoothCurve
 
@@ -50,22 +50,38 @@ class Selected:
 def selected(record: Record, kinds: Sequence[Kind], assumed: Sequence[Effect], search: Search) -> Selected:
     """Select the effects of a record, among those of the search, and the kind of plate. assumed: those that are there.
 
-    The kind is chosen before any effect is known; the other one is then tried with the effects that were found.
+    First those that the temperature shows by itself, with no film in the way; then, along the path that they give, all.
     """
-    fit = base_fit(record, kinds)
-    moves = not fit.joint.driven or drive_moves(fit)
+    plate = plate_fit(record, kinds)
+    moves = not plate.joint.driven or drive_moves(plate)
     if not moves:
         search.effects = [effect for effect in search.effects if effect.link not in ("driver", "plate")]
-    base = search.assuming(fit, assumed)
-    found = search.run(base)
-    for kind in kinds:
-        if not fit.joint.driven or not moves or search.over() or kind == found.joint.kind:
-            continue
-        other = search.with_module(found, Module(kind))
-        if search.value(other) > search.value(found):
-            search.table.clear()
-            base, found = search.assuming(base_fit(record, (kind,)), assumed), search.run(other)
-    return Selected(base, found, search, moves)
+    alone = plate
+    if plate.joint.driven:
+        alone = search.run(search.assuming(plate, [effect for effect in assumed if effect.before_film]))
+        for kind in kinds:
+            if moves and not search.over() and kind != alone.joint.kind:
+                other = search.with_module(alone, Module(kind))
+                if search.value(other) > search.value(alone):
+                    plate, alone = plate_fit(record, (kind,)), search.run(other)
+    if record.output is None:
+        return Selected(plate, alone, search, moves)
+    search.table.clear()
+    have = {effect.name for effect in alone.effects}
+    beside = [effect for effect in assumed if effect.name not in have]
+    first = search.assuming(with_first_film(alone), beside)
+    base = first if len(first.effects) == len(assumed) else _beside_film(plate, first, assumed)
+    return Selected(base, search.run(first), search, moves)
+
+
+def _beside_film(plate: Fit, fit: Fit, effects: Sequence[Effect]) -> Fit:
+    """Return a plate with another fit's film, and with some of its effects."""
+    joint = fit.joint.having(effects, module=plate.joint.module)
+    own = [name for name in plate.joint.names if name in joint.place]
+    x = joint.from_other(fit.joint, fit.at.x)
+    x[[joint.place[name] for name in own]] = plate.at.x[[plate.joint.place[name] for name in own]]
+    most = plate.most[0], fit.most[1]
+    return joint.fit(x, fit.metric.of(plate.metric.temperature, fit.metric.output), fit.at.known_own, most=most)
 
 
 def drive_moves(fit: Fit) -> bool:

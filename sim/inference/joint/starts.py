@@ -45,8 +45,7 @@ def first_metric(joint: Joint) -> Metric:
 
 
 def plate_fit(record: TwoChannels, kinds: Sequence[Kind] = ("peltier",)) -> Fit:
-    """The plate alone, of the likeliest kind and module: one whose numbers change with temperature, or one where they do
-    not."""
+    """The plate alone, of the likeliest kind and module, its numbers constant or changing with temperature."""
     modules = [(kind, slopes) for kind in kinds for slopes in ((True, False) if kind == "peltier" else (False,))]
     if record.current_A is None:
         modules = modules[:1]
@@ -191,8 +190,12 @@ def thinned(fit: Fit) -> Fit:
 
 def base_fit(record: TwoChannels, kinds: Sequence[Kind] = ("peltier",)) -> Fit:
     """The fit without any effect, of whatever channels the record has, and of the likelier kind of plate."""
-    plate = plate_fit(record, kinds)
-    if record.output is None:
+    return with_first_film(plate_fit(record, kinds))
+
+
+def with_first_film(plate: Fit) -> Fit:
+    """The fit of a plate with a film beside it, where the record has one."""
+    if plate.joint.record.output is None:
         return plate
     best = _with_film(plate)
     metric = best.metric.without_slow()
