@@ -223,7 +223,7 @@ class Search:
         """The best set and form of film, from a fit on."""
         self.keep(fit)
         self.say(f"effects so far: {named(fit)}")
-        anew = other_film = False
+        anew, other_film = False, None
         while len(fit.effects) < MOST_EFFECTS + len(self.assumed) and not self.over():
             fit = self.finer(fit)
             better = self.larger(fit)
@@ -235,9 +235,9 @@ class Search:
                 thermal = better is not None and any(e.before_film for e in better.effects if e not in fit.effects)
                 if not thermal:
                     another = self.of_film(self.of_another_kind(fit), better or fit)
-                    better, other_film = another or better, other_film or another is not None
-            elif better is None and other_film:  # what is known now may be what the other film did
-                better, other_film = self.of_film(with_pi_film(fit), fit), False
+                    better, other_film = another or better, another.effects if another else other_film
+            elif better is None and other_film not in (None, fit.effects):  # these may be what the other film did
+                better, other_film = self.of_film(with_pi_film(fit), fit), None
             if better is None:
                 break
             fit = better

@@ -28,7 +28,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 from scipy.special import chdtri
 
@@ -41,7 +40,7 @@ SIGNIFICANT: Final = 0.5 * float(chdtri(2, 0.01))  # log-likelihood that two par
 RATIOS: Final = (0.05, 0.5, 5.0, 50.0)  # slow^2 / white^2 from which the likelihood is climbed
 TIMES: Final = (3.0, 30.0, 300.0, 3000.0)  # tau over the median step, likewise
 LASTING: Final = 3.0  # times how long what columns leave out hangs together: what goes on in time lasts longer
-NEGLIGIBLE: Final = 1e-12  # of the largest eigenvalue: rounding
+NEGLIGIBLE: Final = 1e-3  # of the white variance: less of what comes again is not seen
 FARTHEST: Final = 10  # strides: where the likelihood still rises, nothing comes again
 FLAT: Final = 1e-6  # of a log-likelihood: rounding
 STRIDE: Final = 1.0  # of ln(step / white^2) between trials: a parabola through three of them is within 0.1
@@ -245,16 +244,17 @@ class Whitening:
         self.log_scale = float(np.sum(np.log(self._gains[:, 6])))
         if self._columns is not None:
             sizes, ways = np.linalg.eigh(self._columns.T @ self._columns)
-            sizes = np.maximum(sizes, NEGLIGIBLE * sizes[-1])
-            more = 1.0 + noise.step * sizes
+            more = 1.0 + noise.step * np.maximum(sizes, 0.0)
             self.log_scale -= 0.5 * float(np.sum(np.log(more)))
-            self._shrink = (ways * ((1.0 - more**-0.5) / sizes)) @ ways.T
+            seen = more > 1.0 + NEGLIGIBLE  # the others are as good as white
+            less = (1.0 - more[seen] ** -0.5) / sizes[seen]
+            self._columns = self._columns @ (ways[:, seen] * np.sqrt(less))
 
     def of(self, columns: Array) -> Array:
         """The columns, (readings, columns) or (readings,), in units of the noise."""
         out = _whitened(columns, self._gains)
         if self._columns is not None:
-            out = out - self._columns @ (self._shrink @ (self._columns.T @ out))
+            out = out - self._columns @ (self._columns.T @ out)
         return out
 
     def log_likelihood(self, residual: Array) -> float:
@@ -325,39 +325,35 @@ def estimate_repeated(
     """Return (a likelier noise with a discrepancy that comes again; the mean of that discrepancy in each reading).
 
     before: a noise to begin with. First the size of what comes again is found, over the white noise, with what goes on
-    in time held, then the other way round.
+    in time held, and what the columns leave out as before; then the other way round.
     """
-
-    def at(ratio: float) -> tuple[float, float, Array]:
-        """(-2 log-likelihood with the white variance at its best; that variance; mean) for a ratio step / white^2."""
-        gains, columns = _in_time(Noise(1.0, math.sqrt(before.ratio), before.tau_s, ratio), readings, repeated)
-        assert columns is not None
-        white = _whitened(residual, gains)
-        inner = columns.T @ white
-        factor = cho_factor(np.eye(inner.size) + ratio * (columns.T @ columns))
-        coefficients = ratio * cho_solve(factor, inner)
-        variance = max(float(white @ white - inner @ coefficients) / white.size, 1e-300)
-        logs = np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(gains[:, 6]))
-        return float(2.0 * logs) + white.size * math.log(variance), variance, repeated.columns @ coefficients
-
     known = before.step > 0.0
-    first = (
-        math.log(before.step / before.white**2)
-        if known
-        else -math.log(float(np.mean(repeated.columns.var(0))) + 1e-300)
-    )
-    found = {0: at(math.exp(first))}
+    first = before.step / before.white**2 if known else 1.0 / (float(np.mean(repeated.columns.var(0))) + 1e-300)
+    gains, columns = _in_time(Noise(1.0, math.sqrt(before.ratio), before.tau_s, first), readings, repeated)
+    assert columns is not None
+    white_left = _whitened(residual, gains)
+    sizes, ways = np.linalg.eigh(columns.T @ columns)
+    along, square, log_gains = ways.T @ (columns.T @ white_left), white_left @ white_left, np.sum(np.log(gains[:, 6]))
+
+    def at(ratio: float) -> tuple[float, float]:
+        """(-2 log-likelihood with the white variance at its best; that variance) for a ratio step / white^2."""
+        more = 1.0 + ratio * np.maximum(sizes, 0.0)
+        variance = max(float(square - np.sum(along**2 * ratio / more)) / residual.size, 1e-300)
+        return float(np.sum(np.log(more)) - 2.0 * log_gains) + residual.size * math.log(variance), variance
+
+    found = {0: at(first)}
     place, stride = 0, STRIDE if known else 2.0 * STRIDE
     while abs(place) < FARTHEST and (place - 1 not in found or place + 1 not in found):
         side = 1 if place + 1 not in found else -1
-        found[place + side] = at(math.exp(first + stride * (place + side)))
+        found[place + side] = at(first * math.exp(stride * (place + side)))
         if found[place + side][0] < found[place][0]:
             place += side
     low, middle, high = (found[place + side][0] if place + side in found else math.inf for side in (-1, 0, 1))
     bend = low - 2.0 * middle + high
     vertex = 0.5 * (low - high) / bend if FLAT < bend < math.inf else 0.0
-    ratio = math.exp(first + stride * (place + vertex))
-    _, variance, mean = at(ratio)
+    ratio = first * math.exp(stride * (place + vertex))
+    variance = at(ratio)[1]
+    mean = repeated.columns @ (ways @ (ratio * along / (1.0 + ratio * np.maximum(sizes, 0.0))))
     white = max(math.sqrt(variance), least_white)
     readings = replace(readings, variance=readings.variance + ratio * repeated.rest)
     left = estimate(residual - mean, readings, least_white, most_slow, LASTING * repeated.lasts_s, before)

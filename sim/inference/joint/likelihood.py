@@ -841,7 +841,7 @@ class Joint:
             at = self.descend(at, metric, steps, settled)
             if not math.isfinite(at.cost):
                 break
-            metric = self.noise(at, metric, most, near=best is not None)
+            metric = self.noise(at, metric, most, near=best is not None or rounds == 1)
             at = replace(self.solve(at.x, metric, at.known_own), tangent=at.tangent)
             fit = Fit(self, at, metric, self.log_likelihood(at, metric), most)
             last = best is not None and fit.log_likelihood < best.log_likelihood + 0.3

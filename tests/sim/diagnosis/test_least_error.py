@@ -9,7 +9,6 @@ from rig.analysis.diagnosed import model_of
 from rig.analysis.prediction import predicted
 from rig.records.record import Record
 from sim.diagnosis.extended_model import ExtendedModel, extended_model, plate_model
-from sim.inference.joint.held_out import for_simulation
 from sim.inference.joint.starts import base_fit
 from sim.inference.record.record import read_columns
 
@@ -48,7 +47,7 @@ def test_another_day_is_predicted_by_the_least_error_of_simulation() -> None:
     before, after = [], []
     for seed in range(SEEDS):
         record = read_columns(two_bodies(seed, 22.0))
-        fit = base_fit(record, "heater")
+        fit = base_fit(record, ("heater",))
         other = two_bodies(100 + seed, 20.0)
         before.append(error_K(ExtendedModel(None, plate_model(fit), ()), other))
         after.append(error_K(extended_model(fit, record), other))
@@ -58,4 +57,4 @@ def test_another_day_is_predicted_by_the_least_error_of_simulation() -> None:
 def test_a_model_that_lacks_nothing_keeps_its_numbers() -> None:
     """Of the plate alone: its intervals are those of the likelihood, and its numbers have to be."""
     fit = base_fit(read_columns(two_bodies(1, 22.0, share=0.0)), "heater")
-    assert for_simulation(fit) is fit
+    assert fit.for_simulation is fit
