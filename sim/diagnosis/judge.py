@@ -160,12 +160,13 @@ def _without_refused(search: Search, fit: Fit) -> tuple[Fit, dict[str, str]]:
     """Return the fit without effects that do less than what is left over, and why they are not named."""
     refused: dict[str, str] = {}
     while left_over(fit):
-        weak = [e.name for e in fit.effects if e.name not in search.assumed and not outweighs(fit, e.name)]
+        less = {e.name: search.without(fit, e.name) for e in fit.effects if e.name not in search.assumed}
+        weak = [name for name, without in less.items() if not outweighs(fit, without)]
         if not weak:
             break
-        name = min(weak, key=lambda n: search.gain(fit, search.without(fit, n)))
+        name = min(weak, key=lambda n: search.gain(fit, less[n]))
         refused[name] = NOT_NAMED_LEFT
-        fit = search.without(fit, name)
+        fit = less[name]
     return fit, refused
 
 

@@ -14,7 +14,6 @@ from sim.diagnosis.candidates import Start, is_sizeable, possible, scores, start
 from sim.diagnosis.intervals import LESS_LIKELY, Jumps
 from sim.effects.effect import Effect, jumps
 from sim.inference.evidence import FALSE_ALARM, price
-from sim.inference.gain import rms
 from sim.inference.joint.channel_noise import ChannelNoise, Metric
 from sim.inference.joint.films import PIFilm
 from sim.inference.joint.likelihood import Fit, Module
@@ -316,9 +315,9 @@ class Search:
             if effect.name in self.assumed or self.over():
                 continue
             left = left_over(fit)  # then one effect may stand in for two
-            if left and not outweighs(fit, effect.name):
-                continue  # it gets no name
             less, name = self.without(fit, effect.name), effect.name
+            if left and not outweighs(fit, less):
+                continue  # it gets no name
             if not effect.before_film and isinstance(less.joint.film, PIFilm):
                 plain = self.of_film(self.with_finer_film(less), fit)  # radii may be what it stands in for
                 if plain is not None:
@@ -378,25 +377,22 @@ def _residuals(fit: Fit) -> tuple[Array, Array]:
     return first, fit.at.residual_dec
 
 
-def outweighs(fit: Fit, name: str) -> bool:
-    """Return True if an effect does more in one of the channels than what is left over there; counted is only what
-    neither the film nor the other parameters can do in its place."""
-    joint, at, left, split = fit.joint, fit.at, left_over(fit), fit.joint.rows_K.size
-    less = joint.having([e for e in fit.effects if e.name != name])
-    change = joint.change(at, fit.metric, less.from_other(joint, at.x), True, less)
-    own = np.array([parameter.startswith(f"{name}.") for parameter in joint.names])
-    others = joint.derivatives(at, fit.metric)[:, ~own & joint.moves]
-    others = np.column_stack((others, joint.film_columns(at)))
-    sizes = [math.hypot(channel.noise.white, channel.noise.slow) for channel in fit.metric.channels]
-    scale = np.repeat(sizes, [split, joint.rows_dec.size][: len(sizes)])
-    others, change = others / scale[:, None], change / scale
-    change = (change - others @ np.linalg.lstsq(others, change)[0]) * scale
-    parts = zip((change[:split], change[split:]), fit.metric.channels, ("temperature", "output"), strict=False)
-    for part, channel, key in parts:
+def outweighs(fit: Fit, less: Fit) -> bool:
+    """Return True if an effect takes away more in one of the channels than what is left over there. less: the fit
+    without it, so that counted is only what neither the film nor the other parameters do in its place."""
+    left = left_over(fit)
+    residuals = zip(_simulated(less), _simulated(fit), fit.metric.channels, ("temperature", "output"), strict=False)
+    for before, after, channel, key in residuals:
+        taken = float(np.mean(before**2) - np.mean(after**2)) if after.size else 0.0
         unknown = channel.noise.slow if key in left else 0.0
-        if part.size and rms(part) > max(unknown, LEFT_SHARE * channel.noise.white):
+        if taken > max(unknown, LEFT_SHARE * channel.noise.white) ** 2:
             return True
     return False
+
+
+def _simulated(fit: Fit) -> tuple[Array, Array]:
+    """Residuals of both channels: the thermometer's where the simulation's error is least."""
+    return fit.for_simulation.at.residual_K, fit.at.residual_dec
 
 
 def described(effect: Effect, fit: Fit) -> str:

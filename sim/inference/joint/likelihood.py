@@ -655,15 +655,6 @@ class Joint:
             out[:, firsts] = np.where(stretch[:, None] == np.arange(self.first_degC.size), change[:, None], 0.0)
         return out
 
-    def film_columns(self, at: Point) -> Array:
-        """What the ohmmeter shows of the film's active columns at a point, (readings of both, columns)."""
-        run = at.run
-        if run.columns is None or run.nodes is None:
-            return np.empty((self.rows_K.size, 0))
-        meter = Ohmmeter(run.links, run.nodes, run.nodes.at_points(at.own))
-        shown = meter.plain(np.ascontiguousarray(run.columns[:, at.active]))[self.rows_dec]
-        return np.vstack((np.zeros((self.rows_K.size, shown.shape[1])), shown))
-
     @cached_property
     def _firsts_alone(self) -> slice:
         """The places of the stretches' first temperatures, where nothing but the plate's own heat goes from one stretch
