@@ -241,7 +241,7 @@ class Search:
                 break
             fit = better
             self.say(f"effects so far: {named(fit)}")
-        return self.exchanged(fit)
+        return self.refined(self.exchanged(fit))
 
     def larger(self, fit: Fit) -> Fit | None:
         """The fit with one effect more, and without those that are then not worth their price; None if none is."""
@@ -263,6 +263,22 @@ class Search:
             return fit
         other = self.with_finer_film(fit)
         return fit if "output" in left_over(other) else self.of_film(other, fit) or fit
+
+    def refined(self, fit: Fit) -> Fit:
+        """The likeliest set with closer radii of a PI film, if these are likelier and an effect may stand in for them:
+        of this one, and of those that may then be as likely."""
+        if all(e.before_film for e in fit.effects) or not isinstance(fit.joint.film, PIFilm) or self.over():
+            return fit
+        fine = self.with_finer_film(fit)
+        if self.worth_of_film(fine) <= self.worth_of_film(fit):
+            return fit
+        least = self.value(fit) - self.gain(fine, fit)
+        rivals = [other for other in self.table.values() if other is not fit and self.value(other) > least]
+        self.table.clear()
+        fits = [self.keep(fine), *(self.keep(self.with_finer_film(other)) for other in rivals)]
+        best = self.pruned(max(fits, key=self.value))
+        self.say(f"effects with closer radii of the film: {named(best)}")
+        return best
 
     @staticmethod
     def with_finer_film(fit: Fit) -> Fit:
@@ -318,12 +334,6 @@ class Search:
             less, name = self.without(fit, effect.name), effect.name
             if left and not outweighs(fit, less):
                 continue  # it gets no name
-            if not effect.before_film and isinstance(less.joint.film, PIFilm):
-                plain = self.of_film(self.with_finer_film(less), fit)  # radii may be what it stands in for
-                if plain is not None:
-                    self.say(f"dropped {name}: closer radii of the film do the same")
-                    fit = plain
-                    continue
 
             def others(effect: Effect, name: str = name) -> bool:
                 return effect.name != name
