@@ -28,6 +28,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 from scipy.special import chdtri
 
@@ -325,35 +326,39 @@ def estimate_repeated(
     """Return (a likelier noise with a discrepancy that comes again; the mean of that discrepancy in each reading).
 
     before: a noise to begin with. First the size of what comes again is found, over the white noise, with what goes on
-    in time held, and what the columns leave out as before; then the other way round.
+    in time held, then the other way round.
     """
+
+    def at(ratio: float) -> tuple[float, float, Array]:
+        """(-2 log-likelihood with the white variance at its best; that variance; mean) for a ratio step / white^2."""
+        gains, columns = _in_time(Noise(1.0, math.sqrt(before.ratio), before.tau_s, ratio), readings, repeated)
+        assert columns is not None
+        white = _whitened(residual, gains)
+        inner = columns.T @ white
+        factor = cho_factor(np.eye(inner.size) + ratio * (columns.T @ columns))
+        coefficients = ratio * cho_solve(factor, inner)
+        variance = max(float(white @ white - inner @ coefficients) / white.size, 1e-300)
+        logs = np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(gains[:, 6]))
+        return float(2.0 * logs) + white.size * math.log(variance), variance, repeated.columns @ coefficients
+
     known = before.step > 0.0
-    first = before.step / before.white**2 if known else 1.0 / (float(np.mean(repeated.columns.var(0))) + 1e-300)
-    gains, columns = _in_time(Noise(1.0, math.sqrt(before.ratio), before.tau_s, first), readings, repeated)
-    assert columns is not None
-    white_left = _whitened(residual, gains)
-    sizes, ways = np.linalg.eigh(columns.T @ columns)
-    along, square, log_gains = ways.T @ (columns.T @ white_left), white_left @ white_left, np.sum(np.log(gains[:, 6]))
-
-    def at(ratio: float) -> tuple[float, float]:
-        """(-2 log-likelihood with the white variance at its best; that variance) for a ratio step / white^2."""
-        more = 1.0 + ratio * np.maximum(sizes, 0.0)
-        variance = max(float(square - np.sum(along**2 * ratio / more)) / residual.size, 1e-300)
-        return float(np.sum(np.log(more)) - 2.0 * log_gains) + residual.size * math.log(variance), variance
-
-    found = {0: at(first)}
+    first = (
+        math.log(before.step / before.white**2)
+        if known
+        else -math.log(float(np.mean(repeated.columns.var(0))) + 1e-300)
+    )
+    found = {0: at(math.exp(first))}
     place, stride = 0, STRIDE if known else 2.0 * STRIDE
     while abs(place) < FARTHEST and (place - 1 not in found or place + 1 not in found):
         side = 1 if place + 1 not in found else -1
-        found[place + side] = at(first * math.exp(stride * (place + side)))
+        found[place + side] = at(math.exp(first + stride * (place + side)))
         if found[place + side][0] < found[place][0]:
             place += side
     low, middle, high = (found[place + side][0] if place + side in found else math.inf for side in (-1, 0, 1))
     bend = low - 2.0 * middle + high
     vertex = 0.5 * (low - high) / bend if FLAT < bend < math.inf else 0.0
-    ratio = first * math.exp(stride * (place + vertex))
-    variance = at(ratio)[1]
-    mean = repeated.columns @ (ways @ (ratio * along / (1.0 + ratio * np.maximum(sizes, 0.0))))
+    ratio = math.exp(first + stride * (place + vertex))
+    _, variance, mean = at(ratio)
     white = max(math.sqrt(variance), least_white)
     readings = replace(readings, variance=readings.variance + ratio * repeated.rest)
     left = estimate(residual - mean, readings, least_white, most_slow, LASTING * repeated.lasts_s, before)
