@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from rig.daemon.handover import add_bench_argument, handed_over
-from rig.guard.needed import add_unguarded_argument, guarded_where_needed, require_who_switches_off
 from rig.guard.pipe import Guard
+from rig.guard.process import add_unguarded_argument, guarded_where_needed, require_who_switches_off
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

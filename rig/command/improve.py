@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 from rig.command.record_arguments import add_effect_file_argument
 from rig.core.faults import fault
 from rig.daemon.handover import add_bench_argument, handed_over
-from rig.guard.needed import add_unguarded_argument, guarded_where_needed, require_who_switches_off
 from rig.guard.pipe import Guard
+from rig.guard.process import add_unguarded_argument, guarded_where_needed, require_who_switches_off
 
 if TYPE_CHECKING:
     from rig.command.terminal import Terminal

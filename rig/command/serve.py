@@ -10,8 +10,8 @@ import argparse
 from pathlib import Path
 
 from rig.core.requirements import require
-from rig.guard.needed import guarded_where_needed
 from rig.guard.pipe import Guard
+from rig.guard.process import guarded_where_needed
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -4,7 +4,7 @@ A tick reads the temperature, fetches the reading that the meter was asked for b
 asks the policy, and sends the command; the row's time is that of the temperature's reading, a few milliseconds before
 its current acts. Ticks lie on a fixed grid of the bench's clock; one that is missed is counted and not made up for.
 
-A reading that is frozen, jumps or is missing is none (`rig.safety.sensor_faults`): the policy is given nan, and goes on
+A reading that is frozen, jumps or is missing is none (`rig.safety.bench_watch`): the policy is given nan, and goes on
 without it until the interlock finds that too long. A trip latches: a loop that has tripped runs no further phase.
 
 Nothing is computed with the output on: what takes longer than a tick is done before the first phase, or inside
@@ -28,11 +28,10 @@ from rig.core.reading import Quality, Reading, missing
 from rig.drivers.meter import LOG_RESISTANCE, film_output, on_since_s
 from rig.ports.transport import fallen_silent
 from rig.records.run_folder import RunFolder
-from rig.safety.after_off import ExpectedCurves
 from rig.safety.bench_watch import BenchWatch, Limits, Sent, check_test_current, is_reading, status_in_words, status_of
-from rig.safety.first_plate import KnownPlate
+from rig.safety.plate_watch import KnownPlate
 from rig.safety.signals import SignalStop
-from rig.safety.switching_off import switch_off
+from rig.safety.switching_off import ExpectedCurves, switch_off
 
 GAP_S = 0.5  # without a reading while a current flows: that is counted and told
 TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: a millisecond of computing

@@ -13,9 +13,8 @@ from rig.core.errors import RigError
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, OfOutput, Stopped, Tripped, Unsuitable
 from rig.daemon.client import CALIBRATION
-from rig.daemon.command_queue import CommandQueue, history_row
+from rig.daemon.command_queue import RUNNING, CommandQueue, Job, JobStopped, history_row, report_of
 from rig.daemon.configurations import model_of
-from rig.daemon.job import RUNNING, Job, JobStopped, report_of
 from rig.daemon.output_lock import JobPass, StoppableClock
 from rig.experiment.calibration import Calibration
 from rig.experiment.feasibility import target_and_model
@@ -24,9 +23,9 @@ from rig.experiment.run_record import Session
 from rig.experiment.session import calibrate, run_on
 from rig.records.run_folder import part_of, prepared_folder
 from rig.report.run import write_live_report, write_missing_reports
-from rig.safety.after_off import UNTRUSTED_THERMOMETER, OffCheck
 from rig.safety.bench_watch import BenchWatch
 from rig.safety.signals import SignalStop
+from rig.safety.switching_off import UNTRUSTED_THERMOMETER, OffCheck
 
 CONDITION = "condition"  # the phase of a run that drives the film to its hot end
 LOOK_S = 30.0  # for which the temperature is compared after a job

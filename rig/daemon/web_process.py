@@ -1,8 +1,8 @@
-"""The web processes as the bench process sees them: started, restarted when they die, ended last. They hold no port.
+"""The web processes as the bench process sees them: started, restarted when they die, ended last.
 
 There are two: one serves the page and its interface; the other takes STOP and nothing else, at a TCP port of its own
-with connections of its own, so that STOP gets through whatever is done to the first. The second one's listening socket
-is created here: its port is known at once, and its callers wait, without a refusal, while it is restarted.
+with connections of its own, so that STOP gets through whatever is done to the first. Their listening sockets are
+created here: callers wait, without a refusal, while a process is restarted.
 """
 
 from __future__ import annotations
@@ -46,16 +46,17 @@ def stop_listener(address: str, port: int, stop_port: int | None) -> socket.sock
 
 
 class WebProcess:
-    """`python -m rig.web.serving SOCKET`, kept alive from `start` to `stop`; with a listener the one that takes STOP.
+    """`python -m rig.web.serving SOCKET LISTENER page|stop`, kept alive from `start` to `stop`.
 
-    page: address and port that it opens if it has no listener. note: takes a line for people.
+    page: address and port to listen at for the page; listener: the socket of STOP's own process. note: takes a line for
+    people.
     """
 
     def __init__(
         self, place: Path, note: Callable[[str], None], page: tuple[str, int], listener: socket.socket | None = None
     ) -> None:
         self._place, self._note, self._page, self._listener = place, note, page, listener
-        self._name = "page" if listener is None else "STOP's own listener"
+        self._what, self._name = ("page", "page") if listener is None else ("stop", "STOP's own listener")
         self._process: subprocess.Popen[bytes] | None = None
         self._ending = threading.Event()
         self._starting = threading.Lock()  # so that `stop` also ends a process that is being started
@@ -66,12 +67,10 @@ class WebProcess:
 
     def _keep(self) -> None:
         wait_s = FIRST_WAIT_S
-        command = [sys.executable, "-m", "rig.web.serving", str(self._place)]
-        files = [] if self._listener is None else [self._listener.fileno()]
         while not self._ending.is_set():
             began = time.monotonic()
             try:
-                process = self._begin([*command, *map(str, files)], files)
+                process = self._begin(self._listen())
             except OSError as error:
                 self._note(f"the {self._name} cannot be served: {error}")
             else:
@@ -80,27 +79,28 @@ class WebProcess:
                 status = process.wait()
                 if self._ending.wait(SAME_SIGNAL_S):
                     return
-                self._note(self._why(status))
+                self._note(f"the process of the {self._name} ended with status {status} and is started again")
             wait_s = FIRST_WAIT_S if time.monotonic() - began > LONG_LIFE_S else min(2.0 * wait_s, LONGEST_WAIT_S)
             self._ending.wait(wait_s)
 
-    def _why(self, status: int) -> str:
-        """Return the probable reason of its end: its address may be taken."""
-        address, port = self._page
-        try:
-            if self._listener is None:
-                listening(address, port).close()
-        except OSError as error:
-            why = f"{address}:{port}: {why_not(error)} (serve.address, serve.port)"
-            return f"there is no page at {why}: tried again until there is"
-        return f"the process of the {self._name} ended with status {status} and is started again"
+    def _listen(self) -> int:
+        """Return the descriptor of the listening socket. Raises OSError if the page's address is taken."""
+        if self._listener is None:
+            address, port = self._page
+            try:
+                self._listener = listening(address, port)
+            except OSError as error:
+                place = f"{address}:{port} (serve.address, serve.port)"
+                raise OSError(f"{place}: {why_not(error)}: tried again until it can") from None
+        return self._listener.fileno()
 
-    def _begin(self, command: list[str], files: list[int]) -> subprocess.Popen[bytes] | None:
+    def _begin(self, listener: int) -> subprocess.Popen[bytes] | None:
         """Start a process; None if `stop` has come already. Raises OSError."""
+        command = [sys.executable, "-m", "rig.web.serving", str(self._place), str(listener), self._what]
         with self._starting:
             if self._ending.is_set():
                 return None
-            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=tuple(files))
+            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=(listener,))
             return self._process
 
     def stop(self) -> None:
@@ -108,6 +108,8 @@ class WebProcess:
         self._ending.set()
         with self._starting:
             process = self._process
+        if self._listener is not None:
+            self._listener.close()
         if process is None:
             return
         process.terminate()

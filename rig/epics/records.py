@@ -20,10 +20,11 @@ from typing import Any, NamedTuple
 
 from softioc import alarm, builder
 
+from rig.config.tables import EpicsTable
 from rig.daemon.client import Client, NoDaemon, Refusal
 from rig.daemon.configurations import LONGEST_S, SHORTEST_S, USUAL_S
-from rig.epics.access import STOP, WRITE
 
+READ, STOP, WRITE = "DEFAULT", "STOP", "WRITE"  # access security: groups of records
 STATES = (("idle",), ("running",), ("stopped", "MINOR"), ("tripped", "MAJOR"), ("offline", "INVALID"))
 OUTPUTS = (("off",), ("on",), ("unknown", "MAJOR"))
 PATIENCE_S = 5.0  # largest age of a reading, besides five of its periods
@@ -41,6 +42,24 @@ MEASURED = ("TEMPERATURE", "CURRENT", "RESISTANCE")
 TEXTS = ("TRIP:TEXT", "STOPPED:TEXT", "WARNINGS", "JOB:NAME")
 STRINGS = ("QUALITY", "TRIP:CAUSE", "JOB:ID", "JOB:PHASE")
 COUNTS = ("QUEUE", "TICKS", "TICKS:MISSED")
+
+
+def access_list(table: EpicsTable) -> str:
+    """Return the access-security file (.acf).
+
+    Everybody who reaches the server may read, and write STOP. The other records may be written by the users and hosts
+    of a list. Only a record's value can be written, never a field of its configuration (ASL 0 in EPICS). A host is
+    identified by the address of its packets; a user is the one that the client names.
+    """
+    lines, conditions = [], []
+    for kind, group, names in (("UAG", "writers", table.users), ("HAG", "consoles", table.hosts)):
+        if names:
+            lines.append(f"{kind}({group}) {{ {', '.join(names)} }}")
+            conditions.append(f"{kind}({group})")
+    lines += [f"ASG({READ}) {{ RULE(1, READ) }}", f"ASG({STOP}) {{ RULE(1, READ) RULE(0, WRITE) }}"]
+    if table.write:
+        lines.append(f"ASG({WRITE}) {{ RULE(1, READ) RULE(0, WRITE) {{ {' '.join(conditions)} }} }}")
+    return "\n".join(lines) + "\n"
 
 
 class Published:

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import ipaddress
 import os
 import signal
 import socket
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, MutableMapping
 from pathlib import Path
 from typing import Any
 
 from rig.config.configuration import ConfigurationFile
+from rig.config.tables import EpicsTable
 from rig.core.errors import RigError
 from rig.core.faults import fault
 from rig.core.requirements import to_install
 from rig.daemon.client import Client, NoDaemon, Refusal
-from rig.epics.access import access_list, listen
 
+EVERYWHERE = "0.0.0.0"
 SILENCE_S = 7.5  # the daemon sends its state at least every 5 s
 AGAIN_S = 1.0
 MISSING = f"needs softioc, which is not installed: {to_install('epics')}"
@@ -36,11 +38,11 @@ def serve(file: ConfigurationFile, place: Place, tell: Callable[[str], None]) ->
     table, serving = file.content.epics, file.content.serve
     for port in (table.ca_port, table.pva_port):
         _check_free(table.address, port)
-    listen(table, os.environ)
+    _listen(table, os.environ)
     try:
         from softioc import builder
 
-        from rig.epics.records import Commands, Published, StopRecord
+        from rig.epics.records import Commands, Published, StopRecord, access_list
     except ImportError:
         raise fault("peltier epics", "", MISSING) from None
     prefix = table.prefix or serving.name
@@ -56,6 +58,21 @@ def serve(file: ConfigurationFile, place: Place, tell: Callable[[str], None]) ->
         tell(f"epics {prefix} {at} write {write}")
         threading.Thread(target=_follow, args=(place, takes, published.lost), name="events", daemon=True).start()
         return 128 + ended()
+
+
+def _listen(table: EpicsTable, environment: MutableMapping[str, str]) -> None:
+    """Set EPICS' variables for where the server listens and announces itself."""
+    environment["EPICS_CAS_SERVER_PORT"] = str(table.ca_port)
+    environment["EPICS_PVAS_SERVER_PORT"] = str(table.pva_port)
+    environment["EPICS_PVAS_BROADCAST_PORT"] = str(table.pva_port + 1)
+    if table.address == EVERYWHERE:
+        return
+    loopback = ipaddress.IPv4Address(table.address).is_loopback
+    for server in ("CAS", "PVAS"):
+        environment[f"EPICS_{server}_INTF_ADDR_LIST"] = table.address
+        if loopback:  # no other computer can reach it
+            environment[f"EPICS_{server}_AUTO_BEACON_ADDR_LIST"] = "NO"
+            environment[f"EPICS_{server}_BEACON_ADDR_LIST"] = table.address
 
 
 def _check_free(address: str, port: int) -> None:

@@ -42,8 +42,7 @@ from rig.drivers.controller import cools
 from rig.experiment.extended_model import plate_observer
 from rig.records.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
 from rig.records.run_folder import RunFolder, final_path
-from rig.safety.first_plate import OF_A_PULSE, OF_PULSES, KnownPlate
-from rig.safety.plate_watch import watchable_rate_K_per_s
+from rig.safety.plate_watch import OF_A_PULSE, OF_PULSES, KnownPlate, watchable_rate_K_per_s
 from sim.effects.actuator_delay import EFFECT as ACTUATOR_DELAY
 from sim.effects.effect import Switched, switched
 from sim.effects.sensor_lag import EFFECT as SENSOR_LAG

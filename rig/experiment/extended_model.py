@@ -16,7 +16,7 @@ from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
 from rig.config.target import Target
 from rig.control.law_units import LawUnits
-from rig.safety.first_plate import KnownPlate
+from rig.safety.plate_watch import KnownPlate
 from sim.effects.effect import Switched
 from sim.model.chain import ChainModel
 from sim.model.links import links_of

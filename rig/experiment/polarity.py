@@ -8,7 +8,7 @@ quiet   0 A, until the temperature has stopped going that way: a thermometer tha
 again   where it left the wrong way, the opposite current: polarity is wrong only if that moves it the wrong way too;
         a plate that still drifts from what was before (a long delay, a slow thermometer) goes one way with either
 
-From rest, pulse and quiet comes the plate that the run is watched by (`rig.safety.first_plate`).
+From rest, pulse and quiet comes the plate that the run is watched by (`rig.safety.plate_watch`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rig.core.outcome import Tripped
 from rig.core.reading import Reading
 from rig.drivers.controller import cools
 from rig.safety.bench_watch import OFF, BenchWatch, Limits, Sent
-from rig.safety.first_plate import KnownPlate, first_plate
+from rig.safety.plate_watch import KnownPlate, first_plate
 
 REST_S = 1.5  # of readings at rest, from which noise and drift are estimated: fifteen at ten a second
 FEWEST = 5  # readings at rest

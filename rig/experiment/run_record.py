@@ -27,10 +27,9 @@ from rig.drivers.controller import drive_unit
 from rig.drivers.meter import LOG_RESISTANCE
 from rig.guard.pipe import add_guard_death
 from rig.records.run_folder import RunFolder, plain_json
-from rig.safety.after_off import UNTRUSTED_THERMOMETER, check_temperature
 from rig.safety.bench_watch import Limits
 from rig.safety.signals import SignalStop
-from rig.safety.switching_off import off_confirmed
+from rig.safety.switching_off import UNTRUSTED_THERMOMETER, check_temperature, off_confirmed
 
 REASONS: dict[type, str] = {Stopped: "signal", Faults: "bad_input", NotConfirmedOff: "not_confirmed_off"}
 FEWEST_ROWS = 2  # for a report

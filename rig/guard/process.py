@@ -4,7 +4,7 @@
 child's exit status on. If the child ends, of whatever cause, without having reported that the output is confirmed off
 and released, the guard opens the controller's port itself and commands it off. Exit status 11 if that is not confirmed,
 else 128 + n for a child that died of signal n. After a confirmation the guard goes on reading the temperature if the
-child had reported what to expect (`rig.safety.after_off`): a controller that only claims to be off is not believed,
+child had reported what to expect (`rig.safety.switching_off`): a controller that only claims to be off is not believed,
 and that is status 11 as well.
 
 The end is reported on stderr and written into the folder of the run. Nothing but the guard's own end waits for whoever
@@ -15,10 +15,16 @@ A child that has armed the output and completes no control cycle for `silence_s`
 dead man for instruments without one. Ctrl-Z is ignored, so that an armed output cannot be put to sleep.
 
 Neither numpy nor a configuration is imported here, so that the guard stays small: some 15 MB.
+
+Decide whether a run needs a guard, and refuse real ports that neither a guard nor a dead man protects.
+
+If the program hangs, its guard switches the output off, or the controller's own dead man. Without either, nothing runs
+on real ports unless the user gives --unguarded. The ports are read without the schema, which takes long to load.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import json
 import math
@@ -29,12 +35,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from rig.config.toml_file import read_toml
+from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff
 from rig.core.streams import PatientLines
-from rig.guard.liveness import DeathNotice, die_with
-from rig.guard.pipe import UNGUARDED, Guard, GuardPipe
+from rig.guard.pipe import UNGUARDED, DeathNotice, Guard, GuardPipe, die_with
 from rig.guard.stale_run import begin_report, write_end
 from rig.guard.takeover import (
     Held,
@@ -46,9 +54,11 @@ from rig.guard.takeover import (
     switch_off,
     temperature_after,
 )
-from rig.safety.after_off import ExpectedCurves, curves_from_table
 from rig.safety.signals import CAUGHT
-from rig.safety.switching_off import Verdict
+from rig.safety.switching_off import ExpectedCurves, Verdict, curves_from_table
+
+if TYPE_CHECKING:
+    from rig.config.configuration import ConfigurationFile
 
 SILENCE_S = 30.0  # longer than any computation with the output on; a controller's own dead man acts sooner
 PATIENCE_S = 3.0  # for an adapter that is plugged in again
@@ -309,3 +319,48 @@ class _Watch:
         """Start the report, and wait for nothing: the exit status, and a restart, are more urgent."""
         if begin_report(folder) is not None:
             self.report(f"a report of it is being drawn: {folder}/report.html")
+
+
+def has_real_ports(configuration: Path) -> bool:
+    """Return True for real ports; False for sim:// and for a file that cannot be read, which is reported later."""
+    try:
+        port = read_toml(configuration)["bench"]["controller"]["port"]
+    except (Faults, KeyError, TypeError):
+        return False
+    return isinstance(port, str) and not port.startswith("sim://")
+
+
+def guarded_where_needed(configuration: Path, own_process: bool, work: Callable[[Guard], int]) -> int:
+    """Do `work` under a guard if the ports are real and this process may fork; return as `guarded` does."""
+    if own_process and has_real_ports(configuration):
+        return guarded(work)
+    return work(UNGUARDED)
+
+
+def add_unguarded_argument(parser: argparse.ArgumentParser) -> None:
+    """Add --unguarded, for the verbs that arm the output."""
+    parser.add_argument(
+        "--unguarded",
+        action="store_true",
+        help="run although neither a guard process nor the controller's own dead man would switch the output off",
+    )
+
+
+def require_who_switches_off(file: ConfigurationFile, guard: Guard, unguarded: bool) -> None:
+    """Raise Faults for real ports without a guard process (a system without fork) and without a dead man."""
+    from rig.drivers.registry import controller_class
+
+    table = file.content.bench.controller
+    if guard.guarding or unguarded or table.port.startswith("sim://"):
+        return
+    try:
+        driver = controller_class(table.driver)
+    except ValueError:  # reported when the port is opened
+        return
+    if not driver.has_dead_man:
+        raise fault(
+            file.path,
+            "bench.controller.driver",
+            f"{table.driver!r} has no dead man of its own, and this system has no guard process: if the program hangs, "
+            "the output stays on; expected another controller, or --unguarded",
+        )

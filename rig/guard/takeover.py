@@ -25,9 +25,16 @@ from typing import Any
 import serial
 
 from rig.ports.open import STILL_TRYING, is_still_trying
-from rig.safety.after_off import ExpectedCurves, OffCheck, check_temperature
 from rig.safety.signals import CAUGHT
-from rig.safety.switching_off import MARGIN_S, Verdict, look_after_silence, off_confirmed
+from rig.safety.switching_off import (
+    MARGIN_S,
+    ExpectedCurves,
+    OffCheck,
+    Verdict,
+    check_temperature,
+    look_after_silence,
+    off_confirmed,
+)
 from rig.safety.switching_off import switch_off as switch_off_and_look
 
 WRITE_TIMEOUT_S = 1.0  # a frame is a few bytes: a port that takes none for that long is gone

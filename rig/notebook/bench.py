@@ -38,8 +38,8 @@ from rig.experiment.run_record import Session
 from rig.experiment.session import run_on
 from rig.experiment.simulation import read_effects, simulated_configuration, simulated_rig
 from rig.experiment.simulation import simulate as simulated
-from rig.guard.needed import require_who_switches_off
 from rig.guard.pipe import UNGUARDED
+from rig.guard.process import require_who_switches_off
 from rig.records.record import Record
 from rig.records.record_file import read_record
 from rig.records.run_folder import default_folder, prepared_folder

@@ -24,6 +24,7 @@ from rig.page import OVERVIEW, STATIC
 from rig.version import __version__
 from rig.web.page_server import (
     LONGEST_NAME,
+    PAGE_CONNECTIONS,
     PageFiles,
     Refusal,
     Viewer,
@@ -33,9 +34,10 @@ from rig.web.page_server import (
     object_in,
     refusal_reply,
     refused,
+    serve_and_close,
+    server_of,
 )
 from rig.web.protection import Names, Protection, Sessions
-from rig.web.server import PAGE_CONNECTIONS, serve_and_close, server_of
 
 TOGETHER_S = 0.25  # what changes within this goes out together
 NO_ANSWER = 502

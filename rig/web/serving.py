@@ -1,6 +1,6 @@
-"""`python -m rig.web.serving SOCKET [LISTENER]`: a web process, started by the bench process and ended with it.
+"""`python -m rig.web.serving SOCKET LISTENER page|stop`: a web process, started by the bench process, ended with it.
 
-It serves the page of a bench or, with LISTENER, the descriptor of a listening TCP socket, STOP and nothing else. STOP's
+LISTENER is the descriptor of a listening TCP socket. It serves the page of a bench, or STOP and nothing else. STOP's
 process has connections of its own: the page sends STOP to it and to its own address at once, and believes the first
 answer; whoever exhausts the one has not exhausted the other. Everything that could delay STOP is in the page's process
 alone: the history, viewers, files.
@@ -27,11 +27,17 @@ from starlette.routing import Route
 
 from rig.daemon.client import Client, NoDaemon
 from rig.daemon.client import Refusal as RefusedByBench
-from rig.daemon.web_process import listening
 from rig.web.bench_link import STOP, BenchLink, forward
-from rig.web.page_server import Refusal, refused
+from rig.web.page_server import (
+    CLOSES_S,
+    PAGE_CONNECTIONS,
+    STOP_CONNECTIONS,
+    Refusal,
+    refused,
+    serve_and_close,
+    server_of,
+)
 from rig.web.protection import Names, Protection, Sessions
-from rig.web.server import CLOSES_S, PAGE_CONNECTIONS, STOP_CONNECTIONS, serve_and_close, server_of
 
 PREFLIGHT = {
     "Access-Control-Allow-Methods": "POST",
@@ -42,12 +48,12 @@ NICENESS = 5  # of the page's process: on a busy computer the bench's, STOP's an
 
 
 async def serve(
-    place: Path, report: Callable[[str], None], end: Callable[[], None], listener: socket.socket | None = None
+    place: Path, listener: socket.socket, report: Callable[[str], None] | None, end: Callable[[], None]
 ) -> int:
-    """Serve the bench at a socket: its page, or with a listener STOP alone; return the exit status.
+    """Serve the bench at a socket: its page, or STOP alone; return the exit status.
 
-    report: takes the page's address once the page is there. end: called some time after the bench process has gone,
-    whatever is still open then.
+    report: takes the page's address once the page is there; None for STOP alone. end: called some time after the bench
+    process has gone, whatever is still open then.
     """
     try:
         with Client(place) as client:
@@ -56,18 +62,14 @@ async def serve(
         print(f"peltier serve: page: {error}", file=sys.stderr)
         return 1
     link = BenchLink(place)
-    if listener is None:
+    if report is not None:
         from rig.web.app import application  # not in STOP's process, which needs little of it
 
         server = server_of(application(link, settings), PAGE_CONNECTIONS)
     else:
         server = server_of(stop_application(link, settings), STOP_CONNECTIONS)
-    try:
-        open_listener = listener or listening(settings["address"], settings["port"])
-    except OSError:  # the bench process reports it, with the key
-        return 1
     ending = asyncio.create_task(_end_with(link, server, end))
-    await serve_and_close(server, open_listener, report if listener is None else None)
+    await serve_and_close(server, listener, report)
     ending.cancel()
     return 0 if server.started else 1
 
@@ -104,12 +106,12 @@ async def _end_with(link: BenchLink, server: uvicorn.Server, end: Callable[[], N
 
 def main() -> int:
     """Serve as the command line says; return the exit status."""
-    listener = socket.socket(fileno=int(sys.argv[2])) if len(sys.argv) > 2 else None
-    if listener is None:
+    place, descriptor, what = sys.argv[1:]
+    report: Callable[[str], None] | None = None
+    if what == "page":
         os.nice(NICENESS)
-    return asyncio.run(
-        serve(Path(sys.argv[1]), lambda url: print(f"page {url}", flush=True), lambda: os._exit(0), listener)
-    )
+        report = lambda url: print(f"page {url}", flush=True)  # noqa: E731
+    return asyncio.run(serve(Path(place), socket.socket(fileno=int(descriptor)), report, lambda: os._exit(0)))
 
 
 if __name__ == "__main__":

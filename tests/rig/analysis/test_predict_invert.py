@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rig.records.record_file import write_columns
-from rig.web import history
+from rig.web import app
 from tests.rig.small import MODEL
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -209,7 +209,7 @@ def test_the_benchs_page_draws_the_loop_of_a_film_that_mixes_otherwise(tmp_path:
     curves = []
     for name, text in (("plain", MODEL), ("mixed", MODEL.replace("[plate]", MIXING + "[plate]"))):
         (tmp_path / name).write_text(text)
-        followed = history._followed(str(tmp_path / name), None, [30.0, 75.0])
+        followed = app._followed(str(tmp_path / name), None, [30.0, 75.0])
         assert followed is not None
         curves.append(followed.curves)
     plain, drawn = curves

@@ -22,6 +22,7 @@ from rig.daemon.http_server import Requests, UnixServer
 from rig.daemon.serving import bench_of
 from rig.daemon.supervisor import Supervisor
 from rig.daemon.systemd import Notifier
+from rig.daemon.web_process import listening
 from rig.web.serving import serve
 from tests.rig.small import write_bench
 
@@ -109,7 +110,10 @@ class RunningBench:
         def told(url: str) -> None:
             self.url = url
 
-        self._web = threading.Thread(target=lambda: asyncio.run(serve(self.socket, told, lambda: None)), daemon=True)
+        table = self.file.content.serve
+        listener = listening(table.address, table.port)
+        serving = serve(self.socket, listener, told, lambda: None)
+        self._web = threading.Thread(target=asyncio.run, args=(serving,), daemon=True)
         self._web.start()
         until(lambda: self.url, "the page")
 

@@ -234,15 +234,15 @@ def test_a_memory_that_is_not_caught_up_with_is_not_told_as_where_the_film_stand
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The page's process is begun again after a week's run: its first questions go through the rows of the week."""
-    from rig.web import history
+    from rig.web import app
 
-    monkeypatch.setattr(history, "MOST_ROWS", 30)
+    monkeypatch.setattr(app, "MOST_ROWS", 30)
     write_current(tmp_path)
     store = Store(tmp_path / "history.sqlite", Retention(30.0, 400.0, 4000.0))
     film = {"resistance_ohm": 1e4, "quality": "good", "phase": "track"}
     store.add({"time_s": 1e9 + k, "temperature_degC": 40.0 + 0.5 * k, **film} for k in range(70))
     store.close()
-    plane = history.LoopPlane(tmp_path / "history.sqlite")
+    plane = app.LoopPlane(tmp_path / "history.sqlite")
     found = [plane.document(str(tmp_path / "model.toml"), 1e9 - 1.0, [10.0, 95.0], 1e9 + 70.0) for _ in range(3)]
     assert [document["memory"] is None for document in found] == [True, True, False]
     assert found[-1]["memory"]["temperature_degC"] == 74.5

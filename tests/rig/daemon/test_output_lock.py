@@ -9,7 +9,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from rig.daemon.job import JobStopped
+from rig.daemon.command_queue import JobStopped
 from rig.daemon.output_lock import JobPass, Off, OutputLock
 from tests.rig.daemon.benches import until
 

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import pytest
 
 from rig.config.tables import EpicsTable
-from rig.epics.access import access_list
 from tests.rig.daemon.benches import SERVE, RunningBench, running, until, write_current
 from tests.rig.epics.servers import CaClient, PvaClient, epics_table, serving
 
@@ -229,6 +228,8 @@ def test_a_port_that_is_taken_and_a_missing_library_are_told_in_a_line(tmp_path:
 
 
 def written(**more: Any) -> str:
+    from rig.epics.records import access_list
+
     return access_list(EpicsTable(**more))
 
 

@@ -18,8 +18,8 @@ import pytest
 
 from benchmarks._killed_run import KilledRuns
 from benchmarks.disobedient import PULSE_SHARE
-from rig.guard.liveness import is_suspended
-from rig.guard.needed import has_real_ports
+from rig.guard.pipe import is_suspended
+from rig.guard.process import has_real_ports
 from rig.guard.takeover import Held, end_trying, switch_off
 from rig.ports.open import holder
 from tests.rig.drivers.disobedient import Disobedient
@@ -356,7 +356,7 @@ def test_what_stood_in_the_way_is_told() -> None:
 
 
 COURSES = """
-from rig.safety.after_off import ExpectedCurves
+from rig.safety.switching_off import ExpectedCurves
 guard.holds('controller', 'meerstetter', '/dev/ttyNOPE7', {})
 guard.busy()
 for k in range(2000):

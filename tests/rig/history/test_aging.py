@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.history.aging import CATCH_UP, STEADY_S, AgingClock
 from rig.history.store import DAY_S, Retention, Store, connect_to_read
-from rig.history.writer import Writer
+from rig.history.writer import CATCH_UP, STEADY_S, AgingClock, Writer
 
 NOON_S = 1_790_000_000.0 // 3600 * 3600
 RETENTION = Retention(raw_days=2.0, minute_days=5.0, hour_days=10.0)

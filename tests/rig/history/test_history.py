@@ -24,8 +24,7 @@ from hypothesis import strategies as st
 
 from rig.core.errors import PortHeld
 from rig.history import reading
-from rig.history.store import DAY_S, WRITER_BUSY_S, FolderLock, Retention, Store, connect_to_read
-from rig.history.trouble import trouble_of
+from rig.history.store import DAY_S, WRITER_BUSY_S, FolderLock, Retention, Store, connect_to_read, trouble_of
 from rig.history.writer import Writer
 from tests.rig.daemon.benches import until
 

@@ -11,9 +11,8 @@ import pytest
 
 import rig.bench.assembly
 from compensator.thermal.plate import PlateModel
-from rig.safety.after_off import HeldSetpoint, OffCheck, curves_from_table, curves_of_plate
-from rig.safety.first_plate import KnownPlate
-from rig.safety.plate_watch import PlateWatch
+from rig.safety.plate_watch import KnownPlate, PlateWatch
+from rig.safety.switching_off import HeldSetpoint, OffCheck, curves_from_table, curves_of_plate
 from sim.world.plant import SimulatedPlant
 from tests.rig.small import write_bench
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks._watched_plant import WatchedPlant, drawn
-from rig.safety.after_off import OffCheck, curves_of_plate
-from rig.safety.first_plate import first_plate
-from rig.safety.plate_watch import PlateWatch
+from rig.safety.plate_watch import PlateWatch, first_plate
+from rig.safety.switching_off import OffCheck, curves_of_plate
 
 LIMIT_A, PERIOD_S = 3.0, 0.1
 

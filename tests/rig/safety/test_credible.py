@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rig.core.reading import Quality, Reading
-from rig.safety.sensor_faults import OhmmeterCheck, ThermometerCheck
+from rig.safety.bench_watch import OhmmeterCheck, ThermometerCheck
 
 NOISE = np.random.default_rng(2).standard_normal(2000).tolist()
 

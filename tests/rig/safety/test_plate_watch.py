@@ -12,8 +12,17 @@ import pytest
 
 from compensator.thermal.plate import RESISTANCE_SLOPE_PRIOR_PER_K, SEEBECK_SLOPE_PRIOR_PER_K, PlateModel
 from rig.core.outcome import Tripped
-from rig.safety.first_plate import OF_A_MODEL, OF_A_PULSE, OF_PULSES, Doubt, KnownPlate, first_plate
-from rig.safety.plate_watch import PlateWatch, distinct, watchable_rate_K_per_s
+from rig.safety.plate_watch import (
+    OF_A_MODEL,
+    OF_A_PULSE,
+    OF_PULSES,
+    Doubt,
+    KnownPlate,
+    PlateWatch,
+    distinct,
+    first_plate,
+    watchable_rate_K_per_s,
+)
 from sim.inference.plate.fit import identify_plate
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)

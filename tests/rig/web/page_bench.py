@@ -10,7 +10,7 @@ from typing import Any
 
 from rig.config.configuration import read_configuration
 from rig.core.outcome import Tripped
-from rig.daemon.job import Job
+from rig.daemon.command_queue import Job
 from rig.daemon.output_lock import Off
 from tests.rig.daemon.benches import SERVE, RunningBench, until, write_current
 

@@ -27,10 +27,10 @@ from rig.daemon.configurations import AT_MOST, FREE, FREE_TABLES, PORTS, WITHIN,
 from rig.daemon.http_server import MOST_CONNECTIONS
 from rig.history import reading
 from rig.history.store import Retention, Store
-from rig.web import server, serving
-from rig.web.history import MOST_WAITING, Busy, HistoryQueries, TooLong
+from rig.web import page_server, serving
+from rig.web.app import MOST_WAITING, Busy, HistoryQueries, TooLong
+from rig.web.page_server import MOST_LINES, BoundedLog
 from rig.web.protection import Names
-from rig.web.server import MOST_LINES, BoundedLog
 from tests.rig.daemon.benches import HEADERS, RunningBench, running, until, write_current
 
 TOKEN, METRICS, HOOK = (
@@ -268,7 +268,7 @@ def test_stop_has_a_listener_of_its_own(bench: RunningBench) -> None:
     ended = threading.Event()
 
     def serve() -> None:
-        asyncio.run(serving.serve(bench.socket, lambda url: None, ended.set, listener))
+        asyncio.run(serving.serve(bench.socket, listener, None, ended.set))
 
     threading.Thread(target=serve, daemon=True).start()
     page, bench.url = bench.url, f"http://127.0.0.1:{port}/"
@@ -289,7 +289,7 @@ def test_stop_has_a_listener_of_its_own(bench: RunningBench) -> None:
 
 def test_half_open_connections_shut_nobody_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serving, "PAGE_CONNECTIONS", 6)
-    monkeypatch.setattr(server, "WHOLE_REQUEST_S", 1000.0)  # none of them is dropped for its age
+    monkeypatch.setattr(page_server, "WHOLE_REQUEST_S", 1000.0)  # none of them is dropped for its age
     path = write_current(tmp_path, more='[serve]\nport = 0\nfolder = "kept"\nidle_period_s = 0.1\n')
     with running(path, web=True) as bench, contextlib.ExitStack() as stack:
         place = urlsplit(bench.url)
@@ -301,7 +301,7 @@ def test_half_open_connections_shut_nobody_out(tmp_path: Path, monkeypatch: pyte
 
 
 def test_a_request_that_is_never_whole_is_dropped(bench: RunningBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "WHOLE_REQUEST_S", 0.1)
+    monkeypatch.setattr(page_server, "WHOLE_REQUEST_S", 0.1)
     place = urlsplit(bench.url)
     named = {**HEADERS, "Host": "127.0.0.1", "Content-Length": "9"}
     head = "".join(f"{name}: {value}\r\n" for name, value in named.items())

@@ -92,7 +92,7 @@ def test_a_page_whose_address_is_taken_says_so(tmp_path: Path) -> None:
         assert told.wait(30.0)
         web.stop()
     assert said[0].startswith(
-        f"there is no page at 127.0.0.1:{port}: Address already in use (serve.address, serve.port)"
+        f"the page cannot be served: 127.0.0.1:{port} (serve.address, serve.port): Address already in use"
     )
 
 
