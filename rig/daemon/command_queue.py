@@ -254,9 +254,9 @@ class CommandQueue:
         history_was_there = any(self.folder.glob(f"{HISTORY}*"))  # one that was put aside counts as well
         callbacks = self._published, self._history_failed, self._clock_jumped, self._after_rows, self._history_reports
         self.writer = Writer(self.folder / HISTORY, self._open_history, *callbacks)
+        found = latch_at_start(self.folder / LATCH, history_was_there, self.label_s())
+        self.latch_store = LatchStore(self.folder / LATCH, found, self.label_s())
         self.writer.open()
-        found = latch_at_start(self.folder / LATCH, history_was_there, self.writer.store, self.label_s())
-        self.latch_store = LatchStore(self.folder / LATCH, *found)
         self._latch_not_off()
         # True: the temperature has contradicted an "off"; none is believed until a reset
         self.contradicted = self.latch is not None and self.latch.cause == OFF_CONTRADICTED
@@ -345,9 +345,7 @@ class CommandQueue:
         self.announcer.announce("row", row)
 
     def _after_rows(self, store: Store) -> None:
-        """Save the trip that rows follow, and that the latch has a file; latch a late finding (writer's thread)."""
-        if not store.has_latch and self.latch_store.on_disk:
-            store.mark_latch()
+        """Save the trip that rows follow; latch a late finding (writer's thread)."""
         latch = self.latch_store.reported
         if latch is not None and latch.state != STOPPED and latch.number is None:
             self._save_trip(store, latch)  # it came from the latch's file, or the history had no room for it

@@ -13,13 +13,14 @@ allocated from then on. A change goes into the slot with the smaller sequence nu
 is cut short the other slot is whole, but it may say "clear" while the one that was cut short was to say "tripped": so a
 slot that cannot be read makes the whole latch unreadable, which counts as a trip. At the daemon's start:
 
-| the latch's file  | the history                           | then the bench is                               |
-|-------------------|---------------------------------------|-------------------------------------------------|
-| is readable       | in any state                          | as the file says                                |
-| is not readable   | in any state                          | tripped                                         |
-| is missing        | is missing                            | a new bench: nothing is latched                 |
-| is missing        | is older than the latch's file        | as its last trip says, unless that was cleared  |
-| is missing        | had such a file, or is not readable   | tripped                                         |
+| the latch's file  | the history   | then the bench is                |
+|-------------------|---------------|----------------------------------|
+| is readable       | in any state  | as the file says                 |
+| is not readable   | in any state  | tripped                          |
+| is missing        | is missing    | a new bench: nothing is latched  |
+| is missing        | is there      | tripped                          |
+
+It is created before the history, so that no kill leaves a history without it.
 """
 
 from __future__ import annotations
@@ -33,8 +34,6 @@ from collections import deque
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
-
-from rig.history.store import Store
 
 # rows kept with a trip: at one to ten rows a second those that led to it, and those that followed
 ROWS_BEFORE, ROWS_AFTER = 40, 20
@@ -118,37 +117,18 @@ def tripped(cause: str, text: str, at_s: float, recent: deque[dict[str, Any]]) -
     return Latch(TRIPPED, cause, text, at_s, list(recent)[-ROWS_BEFORE:])
 
 
-def latch_at_start(
-    path: Path, history_was_there: bool, store: Store | None, now_s: float
-) -> tuple[Entry, Latch | None]:
-    """Return the entry that the file has to have from now on, and its latch; see the table above.
-
-    history_was_there: before `store` was opened; store: None if that was impossible. now_s: Unix seconds.
-    """
-    unknown = ""
-    latch = None
+def latch_at_start(path: Path, history_was_there: bool, now_s: float) -> Latch | None:
+    """Return what is latched when the daemon starts; see the table above. now_s: Unix seconds."""
     try:
         entry = read(path)
     except Unreadable as error:
         other = f"; its other slot says: {error.readable.state}, {error.readable.text}" if error.readable else ""
-        entry, unknown = None, f"the latch could not be read ({error}{other})"
-    else:
-        if entry is not None and entry.state != CLEAR:
-            latch = Latch(entry.state, entry.cause, entry.text, entry.at_s, after=ROWS_AFTER)
-        if entry is None and history_was_there and store is None:
-            unknown = f"the latch's file {path} is not there, and the history cannot be read"
-        elif entry is None and history_was_there and store and (store.damage is not None or store.has_latch):
-            unknown = f"the latch's file {path} is missing beside a history"
-    if unknown:
-        latch = Latch(TRIPPED, "latch", f"{unknown}; {UNKNOWN}", now_s)
-    elif latch is None and store is not None and not store.has_latch and (last := store.last_trip()) is not None:
-        number, document = last
-        if document.get("cleared_s") is None:
-            latch = Latch(TRIPPED, *(document[key] for key in ("cause", "text", "at_s")))
-            latch.recall(number, document)
-    if latch is not None:
-        return latch.entry(), latch
-    return entry or Entry(CLEAR, "new", "nothing was ever latched here", now_s), None
+        return Latch(TRIPPED, "latch", f"the latch could not be read ({error}{other}); {UNKNOWN}", now_s)
+    if entry is None and history_was_there:
+        return Latch(TRIPPED, "latch", f"the latch's file {path} is missing beside a history; {UNKNOWN}", now_s)
+    if entry is None or entry.state == CLEAR:
+        return None
+    return Latch(entry.state, entry.cause, entry.text, entry.at_s, after=ROWS_AFTER)
 
 
 class LatchStore:
@@ -159,11 +139,11 @@ class LatchStore:
     latch that cannot be written holds all the same; it is tried again every second, and no job starts meanwhile.
     """
 
-    def __init__(self, path: Path, first: Entry, latch: Latch | None) -> None:
+    def __init__(self, path: Path, latch: Latch | None, now_s: float) -> None:
         self.path = path
         self.held = self.reported = latch
         self.fault: str | None = None
-        self._wanted = first
+        self._wanted = latch.entry() if latch is not None else Entry(CLEAR, "start", "nothing was latched", now_s)
         self._asked, self._tried, self._written = 1, 0, 0  # counts of changes
         self._clearing: Latch | None = None
         self._ending = False

@@ -130,8 +130,7 @@ COLUMNS = {
     "trip": ("id", "at_s", "document"),
     "kept": ("name", "value"),
 }
-# PRAGMA user_version; the second: the same tables, and the latch had a file of its own when this was written
-VERSION, VERSION_LATCHED = 1, 2
+VERSION = 2  # PRAGMA user_version
 BUSY_S, WRITER_BUSY_S = 5.0, 0.5  # for which a question waits for a lock, and a write, which is tried again soon
 DELETED_AT_ONCE = 5000  # rows: a deletion must not hold up the next row for long
 KEPT_JOBS = 2000
@@ -194,8 +193,7 @@ class FolderLock:
 class Store:
     """The history's one writer. Every method raises sqlite3.Error if the disk is full or gone.
 
-    damage: what was wrong with the file, None if it was whole. has_latch: True if the latch has had a file of its own
-    since this history was begun, or was last written by a program that knew of it.
+    damage: what was wrong with the file, None if it was whole.
     """
 
     def __init__(self, path: Path, retention: Retention) -> None:
@@ -203,7 +201,6 @@ class Store:
         self._retention = retention
         self._connection, self.damage = opened(path)
         self._files = self._stats()
-        self.has_latch = _version(self._connection) >= VERSION_LATCHED
         self._rolled: dict[str, int] = {}  # bucket that is open now
 
     def in_place(self) -> bool:
@@ -224,11 +221,6 @@ class Store:
         values = [(*(_plain(row.get(name)) for name in RAW_COLUMNS), aged_s) for row in rows]
         with self._transaction():
             self._connection.executemany(_INSERT, values)
-
-    def mark_latch(self) -> None:
-        """Note that the latch has a file of its own from now on."""
-        self._connection.execute(f"PRAGMA user_version = {VERSION_LATCHED}")
-        self.has_latch = True
 
     def save_job(self, job: dict[str, Any]) -> None:
         """Save a job by its id."""
@@ -444,12 +436,7 @@ def _create_tables(connection: sqlite3.Connection) -> None:
     for name, columns in tables.items():
         connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({columns})")
     connection.execute("CREATE INDEX IF NOT EXISTS raw_time ON raw (time_s)")
-    if _version(connection) < VERSION:
-        connection.execute(f"PRAGMA user_version = {VERSION}")
-
-
-def _version(connection: sqlite3.Connection) -> int:
-    return int(connection.execute("PRAGMA user_version").fetchone()[0])
+    connection.execute(f"PRAGMA user_version = {VERSION}")
 
 
 def connect_to_write(path: Path) -> sqlite3.Connection:

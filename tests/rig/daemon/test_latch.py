@@ -147,32 +147,6 @@ def test_a_latch_that_cannot_be_read_is_a_trip(
         assert word(commands) == "idle"
 
 
-@pytest.mark.parametrize("cleared_s", [None, 1.79e9])
-def test_a_trip_in_a_history_from_before_the_file_is_taken_over(
-    file: ConfigurationFile, cleared_s: float | None
-) -> None:
-    with life(file) as commands:
-        rows(commands)
-        store, folder = commands.writer.store, commands.folder
-        assert store is not None
-        trip = {"state": TRIPPED, "cause": "runaway", "text": "of before", "at_s": 1.78e9, "rows": [{"time_s": 1.78e9}]}
-        commands.writer.do(lambda store: store.save_trip({**trip, "cleared_s": cleared_s}))
-    (folder / LATCH).unlink()
-    connection = sqlite3.connect(folder / HISTORY)
-    connection.execute("PRAGMA user_version = 1")
-    connection.close()
-    with life(file) as commands:
-        assert word(commands) == ("tripped" if cleared_s is None else "idle")
-        if cleared_s is None:
-            assert commands.state()["trip"] == {"cause": "runaway", "text": "of before", "at_s": 1.78e9, "rows": 1}
-        rows(commands)
-    with life(file) as commands:
-        assert word(commands) == ("tripped" if cleared_s is None else "idle")
-    (folder / LATCH).unlink()
-    with life(file) as commands:  # by now it has had a file, which is missing
-        assert commands.state()["trip"]["cause"] == "latch"
-
-
 def test_a_trip_is_on_disk_before_it_is_told_and_a_reset_before_a_job_may_start(
     file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -272,7 +246,7 @@ def test_a_disk_that_hangs_holds_up_neither_stop_nor_trip(
 def test_a_trip_during_a_reset_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / LATCH
     first = Latch(TRIPPED, "one", "the first", 1.0)
-    kept = LatchStore(path, first.entry(), first)
+    kept = LatchStore(path, first, 1.0)
 
     def tripping(path: Path, said: Entry) -> None:
         monkeypatch.setattr(latch, "write", write)
