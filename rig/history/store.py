@@ -6,7 +6,7 @@
     kept          numbers that a restart needs: how far the roll-ups are, and the aging clock
 
 Times are Unix seconds: a label, never a basis of control. Not-a-number is NULL; an overrange resistance is infinite.
-`written_s` and `aged_s` are the clock by which rows grow old (`rig.history.writer`).
+`written_s` is the clock by which rows grow old, `aged_s` its present value (`rig.history.writer`).
 
 Classify errors of the history database, in words: a lock, which passes, a full disk, damage.
 
@@ -293,31 +293,24 @@ class Store:
         )
         self._keep_number(f"rolled_{table}", last)
 
-    def retain(self, now_s: float, aged_s: float | None = None) -> int:
-        """Delete some of the rows that are too old; return how many.
-
-        A row is too old by its label and by its time of writing, at the earlier of two clocks: the time of day, now_s,
-        and the aging clock.
-        """
-        keep = self._retention
-        earlier_s = now_s if aged_s is None else min(now_s, aged_s)
-        gone = 0
+    def retain(self, aged_s: float) -> int:
+        """Delete some of the rows that are too old by the aging clock, and keep its value; return how many."""
+        keep, gone = self._retention, 0
         with self._transaction():
-            for table, column, days in (
-                ("raw", "time_s", keep.raw_days),
-                ("minute", "start_s", keep.minute_days),
-                ("hour", "start_s", keep.hour_days),
+            for table, column, days, oldest in (
+                ("raw", "time_s", keep.raw_days, "ORDER BY rowid"),  # the order of writing, which needs no index
+                ("minute", "start_s", keep.minute_days, "WHERE coalesce(written_s, start_s) < :from"),
+                ("hour", "start_s", keep.hour_days, "WHERE coalesce(written_s, start_s) < :from"),
             ):
                 gone += self._connection.execute(
-                    f"DELETE FROM {table} WHERE rowid IN (SELECT rowid FROM {table} "
-                    f"WHERE {column} < :from AND coalesce(written_s, {column}) < :from LIMIT :most)",
-                    {"from": earlier_s - days * DAY_S, "most": DELETED_AT_ONCE},
+                    f"DELETE FROM {table} WHERE coalesce(written_s, {column}) < :from "
+                    f"AND rowid IN (SELECT rowid FROM {table} {oldest} LIMIT :most)",
+                    {"from": aged_s - days * DAY_S, "most": DELETED_AT_ONCE},
                 ).rowcount
             self._connection.execute(
                 "DELETE FROM job WHERE id IN (SELECT id FROM job ORDER BY rowid DESC LIMIT -1 OFFSET ?)", (KEPT_JOBS,)
             )
-            if aged_s is not None:
-                self._keep_number(AGED, aged_s)
+            self._keep_number(AGED, aged_s)
         return gone
 
     def limit_size(self, pages: int) -> None:
@@ -436,6 +429,8 @@ def _create_tables(connection: sqlite3.Connection) -> None:
     for name, columns in tables.items():
         connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({columns})")
     connection.execute("CREATE INDEX IF NOT EXISTS raw_time ON raw (time_s)")
+    for name in BUCKETS_S:
+        connection.execute(f"CREATE INDEX IF NOT EXISTS {name}_age ON {name} (coalesce(written_s, start_s))")
     connection.execute(f"PRAGMA user_version = {VERSION}")
 
 

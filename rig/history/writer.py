@@ -5,17 +5,9 @@ a full disk, a disk that hangs, a file that was moved or damaged. The thread tri
 wait are published at once, as not recorded yet. Only trouble that does not pass by itself calls `on_failure`, at once
 and in this thread: the output goes off first.
 
-The clock by which the history ages: it follows the time of day without its jumps.
-
 Rows are labelled with the time of day, which a person, a time server or a flat battery may set. Deleted rows are lost,
-so the age of a row is not taken from its label alone:
-
-- the aging clock advances with the monotonic clock;
-- if it differs from the time of day (the computer was off, or its clock is wrong), it approaches the time of day, but
-  only once that has run evenly for STEADY_S, and CATCH_UP times as fast as time passes.
-
-A clock that is wrong by years for a minute therefore deletes nothing; one that is wrong for a day ages the history by
-ten. After 30 days in a drawer the clock is up to date again after 3.5 days of running.
+so rows grow old by the time for which the daemon has run since, on a monotonic clock that the history keeps over
+restarts: a clock that jumps, or is wrong for days, deletes nothing.
 """
 
 from __future__ import annotations
@@ -34,46 +26,6 @@ from typing import Any
 from rig.history.store import Store, Trouble, trouble_of, who_reads
 
 JUMP_S = 5.0  # between two rows: more than a time server's slewing or a busy computer causes
-STEADY_S = 3600.0  # without a jump: a clock that was set wrong is noticed by then
-CATCH_UP = 10.0  # a bench that runs a tenth of the time keeps up
-
-
-class AgingClock:
-    """The aging clock of the history that is being written; the history keeps it over restarts. aged_s: None in a new
-    history before its first row."""
-
-    def __init__(self) -> None:
-        self.aged_s: float | None = None
-        self._last: tuple[float, float] | None = None  # label and monotonic time of the last row
-        self._even_s = 0.0  # since the last jump
-        self._last_label_s: float | None = None  # of the row before the history was opened
-
-    def begin(self, aged_s: float | None, last_label_s: float | None) -> None:
-        """Take over the aging clock of an opened history, and the label of its last row; None if it has none."""
-        self._last_label_s = last_label_s
-        begin_s = aged_s if aged_s is not None else last_label_s
-        self.aged_s = begin_s if begin_s is not None else self.aged_s
-
-    def row(self, wall_s: float, clock_s: float) -> float:
-        """Advance to a row, labelled wall_s and taken at the monotonic clock_s; return by how much the time of day
-        jumped before it (s): by how much more it advanced than time passed, or 0 for less than a jump."""
-        before, self._last = self._last, (wall_s, clock_s)
-        aged_s = wall_s if self.aged_s is None else self.aged_s
-        if before is None:
-            self.aged_s = aged_s
-            back_s = 0.0 if self._last_label_s is None else wall_s - self._last_label_s
-            return back_s if back_s < -JUMP_S else 0.0  # forward is no jump: the daemon was not running
-        passed_s = max(0.0, clock_s - before[1])
-        jumped_s = (wall_s - before[0]) - (clock_s - before[1])
-        jumped_s = jumped_s if abs(jumped_s) > JUMP_S else 0.0
-        self._even_s = 0.0 if jumped_s else self._even_s + passed_s
-        back_s, forth_s = 0.0, passed_s
-        if self._even_s >= STEADY_S:
-            back_s = forth_s = CATCH_UP * passed_s
-        self.aged_s = aged_s + min(max(wall_s - aged_s, -back_s), forth_s)
-        return jumped_s
-
-
 TRY_AGAIN_S = 1.0  # a lock is not released, and a full disk not emptied, faster
 PART_OF_TIME = 10.0  # rest after a try that takes long, such as the check of a large file, over its length
 MOST_WAITING = 36_000  # rows, an hour at ten a second: some 40 MB
@@ -145,7 +97,9 @@ class Writer:
         self._thread = threading.Thread(target=self._work, name="history", daemon=True)
         self._rests_until_s = self._troubled_s = -math.inf  # time.monotonic
         self._reported = False
-        self._aged = AgingClock()
+        self._aged_s: float | None = None  # clock by which rows grow old; None in a new history before its first row
+        self._last: tuple[float, float] | None = None  # label and monotonic time of the last row
+        self._last_label_s: float | None = None  # of the last row before this start
         self._tidied_s = -math.inf
         self._log_bytes = 0
 
@@ -245,7 +199,7 @@ class Writer:
                 time.sleep(LEAVE_S / 20.0)
             if ends_s is not None and (not self._waiting or time.monotonic() > ends_s):
                 if self.store is not None:
-                    self._done(lambda store: store.roll_up(0.0, everything=True, aged_s=self._aged.aged_s))
+                    self._done(lambda store: store.roll_up(0.0, everything=True, aged_s=self._aged_s))
                     self._close()  # unless the roll-up found it gone
                 return
 
@@ -274,7 +228,7 @@ class Writer:
             return done
         new = [row for row in head if not row.shown]
         self._follow(new)
-        done = not head or self._done(lambda store: store.add((row.row for row in head), self._aged.aged_s))
+        done = not head or self._done(lambda store: store.add((row.row for row in head), self._aged_s))
         if done:
             self._take_out(len(head))
         self._show(new)
@@ -299,16 +253,24 @@ class Writer:
     def _follow(self, rows: list[_Row]) -> None:
         """Advance the aging clock; report jumps of the time of day."""
         for row in rows:
-            if jumped_s := self._aged.row(float(row.row["time_s"]), row.clock_s):
+            label_s, passed_s = float(row.row["time_s"]), 0.0
+            if self._last is not None:
+                passed_s = row.clock_s - self._last[1]
+                jumped_s = label_s - self._last[0] - passed_s
+            else:  # forward is no jump: the daemon was not running
+                jumped_s = min(label_s - self._last_label_s, 0.0) if self._last_label_s is not None else 0.0
+            self._last = label_s, row.clock_s
+            self._aged_s = (label_s if self._aged_s is None else self._aged_s) + max(passed_s, 0.0)
+            if abs(jumped_s) > JUMP_S:
                 self._on_jump(jumped_s)
 
     def _tidy(self, last: _Row) -> None:
         """Roll up, delete old rows from time to time, and check the size of the log."""
-        now_s, aged_s = float(last.row["time_s"]), self._aged.aged_s
+        now_s, aged_s = float(last.row["time_s"]), self._aged_s
         rolled = self._done(lambda store: store.roll_up(now_s, aged_s=aged_s))
-        if rolled and abs(last.clock_s - self._tidied_s) >= RETAIN_EVERY_S:
+        if rolled and aged_s is not None and abs(last.clock_s - self._tidied_s) >= RETAIN_EVERY_S:
             self._tidied_s = last.clock_s
-            self._done(lambda store: store.retain(now_s, aged_s))
+            self._done(lambda store: store.retain(aged_s))
             self._log_bytes = MUCH_LOG_BYTES + 1  # so that its size is read
         if self._log_bytes > MUCH_LOG_BYTES:
             self._log_bytes = self.store.log_bytes() if self.store is not None else 0
@@ -335,7 +297,9 @@ class Writer:
         if self.store is None:
             store = self._opened()
             try:
-                self._aged.begin(store.aged_s(), store.last_label_s())
+                self._last_label_s = store.last_label_s()
+                aged_s = store.aged_s() or self._last_label_s
+                self._aged_s = self._aged_s if aged_s is None else aged_s
             except BaseException:
                 store.close()
                 raise

@@ -80,14 +80,6 @@ def test_a_first_start_without_room_for_latch_and_history(tmp_path: Path, monkey
     starts_and_waits_for_room(bench_in(tmp_path, tmp_path / "kept"), full.clear)
 
 
-def test_a_first_start_on_a_disk_that_is_full(tmp_path: Path) -> None:
-    with small_disk(tmp_path / "disk", DISK_MB) as disk:
-        if disk is None:
-            pytest.skip("no small file system can be mounted here: that needs root")
-        disk.fill()
-        starts_and_waits_for_room(bench_in(tmp_path, disk.folder / "kept"), disk.free)
-
-
 def test_a_trip_on_a_full_disk_finds_the_room_that_was_taken_before(tmp_path: Path) -> None:
     with small_disk(tmp_path / "disk", DISK_MB) as disk:
         if disk is None:

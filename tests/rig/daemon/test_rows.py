@@ -39,19 +39,6 @@ def test_the_test_current_is_that_of_the_rows_own_reading(tmp_path: Path) -> Non
             assert in_history[ohm] == record["meter_current_A"][row]
 
 
-def test_after_a_job_the_idle_loop_goes_on_reading_from_the_first_on(tmp_path: Path) -> None:
-    """The job has asked for one reading more than it took: the next question would be out of step with its answer."""
-    with running(write_current(tmp_path, '["start 0.5 A", "hold 2 s"]', more=SERVE)) as bench:
-        job = bench.commands.submit(read_configuration(bench.file.path))
-        until(lambda: job.ended_s is not None, "the job's end")
-        assert job.state == "done", job.reason
-        until(lambda: [row for row in list(bench.commands.recent) if row["time_s"] > job.ended_s][5:], "rows after it")
-        rows = [row for row in bench.commands.recent if row["time_s"] > job.ended_s - 1.0]
-        assert {row["quality"] for row in rows} == {"good"}
-        assert rows[-1]["phase"] == "idle"
-        assert bench.state()["output_confirmed"] is True
-
-
 def test_gaps_are_counted() -> None:
     gaps = Gaps(100.0)
     for now_s in (100.1, 101.0, 131.0, 132.0, 142.0):

@@ -20,7 +20,7 @@ from benchmarks._killed_run import KilledRuns
 from benchmarks.disobedient import PULSE_SHARE
 from rig.guard.pipe import is_suspended
 from rig.guard.process import has_real_ports
-from rig.guard.takeover import Held, end_trying, switch_off
+from rig.guard.takeover import end_trying
 from rig.ports.open import holder
 from tests.rig.drivers.disobedient import Disobedient
 from tests.rig.small import write_bench
@@ -34,24 +34,16 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[KilledRuns]:
         yield runs
 
 
-@pytest.mark.parametrize(("after_s", "number"), [(0.05, signal.SIGKILL), (0.2, signal.SIGSEGV)])
-def test_the_output_is_off_whatever_kills_the_process(runs: KilledRuns, after_s: float, number: int) -> None:
-    killed = runs.kill(after_s, number)
+def test_the_output_is_off_when_the_process_is_killed(runs: KilledRuns) -> None:
+    killed = runs.kill(0.05, signal.SIGKILL)
     assert killed.off_at_the_end
-    assert killed.status == 128 + number
+    assert killed.status == 128 + signal.SIGKILL
     # no pulse, no model: the confirmation rests on what the controller says, and nobody waits
     assert "output off, confirmed by the controller (its status, and the current that it measures)" in killed.err
     assert "temperature" not in killed.err
-    assert signal.Signals(number).name in killed.err
+    assert "died of SIGKILL" in killed.err
     assert f"what was recorded is in {runs.path.parent.absolute()}" in killed.err
     assert "report.html" in killed.err
-
-
-def test_a_process_that_is_suspended_is_ended(runs: KilledRuns) -> None:
-    killed = runs.kill(0.1, signal.SIGSTOP)
-    assert killed.off_at_the_end
-    assert killed.status == 128 + signal.SIGKILL
-    assert "was suspended" in killed.err
 
 
 def fill_stderr(process: subprocess.Popen[str]) -> None:
@@ -245,10 +237,6 @@ def in_a_guarded_process(work: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60.0)
 
 
-def test_an_exit_status_is_passed_on() -> None:
-    assert in_a_guarded_process("return 7").returncode == 7
-
-
 def test_a_process_that_dies_before_it_holds_a_port_does_not_do_so_in_silence() -> None:
     """A system that is out of memory kills one that diagnoses, and the shell sees an ordinary exit of its guard."""
     done = in_a_guarded_process("os.kill(os.getpid(), 9)")
@@ -312,26 +300,16 @@ def test_a_port_that_cannot_be_opened_anew_confirms_nothing_of_what_was_given_up
     assert (done.returncode, done.stderr) == (11, "goes on at /dev/ttyNOPE7 4.0\n")
 
 
-def test_a_silence_for_the_dead_man_is_no_hanging_loop() -> None:
-    done = in_a_guarded_process("guard.busy()\nfor _ in range(8):\n    time.sleep(0.1)\n    guard.alive()\nreturn 3")
-    assert done.returncode == 3
-
-
-def test_a_loop_that_hangs_is_ended() -> None:
-    done = in_a_guarded_process("guard.busy()\ntime.sleep(50.0)\nreturn 0")
-    assert done.returncode == 128 + signal.SIGTERM
-    assert "no tick for 0.3 s" in done.stderr
-
-
-def test_a_loop_that_hangs_is_ended_after_an_off_that_was_not_confirmed() -> None:
+def test_a_loop_that_hangs_is_ended_also_after_an_off_that_was_not_confirmed() -> None:
     """A daemon's next job is guarded as its first one."""
     done = in_a_guarded_process("guard.busy()\nguard.given_up()\nguard.busy()\ntime.sleep(50.0)\nreturn 0")
     assert done.returncode == 128 + signal.SIGTERM
     assert "no tick for 0.3 s" in done.stderr
 
 
-def test_an_idle_process_may_take_its_time() -> None:
-    assert in_a_guarded_process("guard.busy()\nguard.idle()\ntime.sleep(1.0)\nreturn 3").returncode == 3
+def test_a_silence_for_the_dead_man_and_an_idle_process_are_no_hanging_loop() -> None:
+    waits = "guard.busy()\nfor _ in range(8):\n    time.sleep(0.1)\n    guard.alive()\n"
+    assert in_a_guarded_process(f"{waits}guard.idle()\ntime.sleep(1.0)\nreturn 3").returncode == 3
 
 
 def test_the_guard_is_small() -> None:
@@ -347,12 +325,6 @@ def test_simulated_ports_need_no_guard(tmp_path: Path) -> None:
     assert not has_real_ports(write_bench(tmp_path))
     assert has_real_ports(write_bench(tmp_path, controller="/dev/ttyUSB0", meter="/dev/ttyUSB1"))
     assert not has_real_ports(tmp_path / "none.toml")
-
-
-def test_what_stood_in_the_way_is_told() -> None:
-    verdict = switch_off(Held("controller", "meerstetter", "/dev/ttyNOPE7"), 0.0)
-    assert not verdict.confirmed
-    assert "/dev/ttyNOPE7" in verdict.text
 
 
 COURSES = """

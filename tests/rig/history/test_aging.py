@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from rig.history.store import DAY_S, Retention, Store, connect_to_read
-from rig.history.writer import CATCH_UP, STEADY_S, AgingClock, Writer
+from rig.history.writer import Writer
 
 NOON_S = 1_790_000_000.0 // 3600 * 3600
 RETENTION = Retention(raw_days=2.0, minute_days=5.0, hour_days=10.0)
@@ -44,7 +42,7 @@ def labels(path: Path, table: str = "raw", column: str = "time_s") -> list[float
     return found
 
 
-@pytest.mark.parametrize("off_days", [400.0, -400.0, 4000.0, -20000.0])
+@pytest.mark.parametrize("off_days", [4000.0, -20000.0])
 @pytest.mark.parametrize("restarts", [False, True])
 def test_a_clock_that_is_wrong_for_75_s_deletes_nothing_and_is_told(
     tmp_path: Path, off_days: float, restarts: bool
@@ -78,23 +76,15 @@ def test_after_a_jump_retention_goes_on_as_if_there_had_been_none(tmp_path: Path
     assert labels(path, "hour", "start_s")[0] < NOON_S - 899.0 * DAY_S  # what was measured then is kept as long as all
 
 
-def test_a_clock_that_stays_wrong_costs_ten_times_as_long_and_no_more(tmp_path: Path) -> None:
+def test_a_clock_that_stays_wrong_and_a_bench_that_was_off_age_nothing(tmp_path: Path) -> None:
     path = tmp_path / "h.sqlite"
-    lasts_s = 3 * 3600.0
-    wrong = even(NOON_S + 1.9 * DAY_S, lasts_s, 60.0, 1.9 * DAY_S, 400.0 * DAY_S)
-    life(path, [*even(NOON_S, 1.9 * DAY_S, 60.0), *wrong])
-    gone_s = labels(path)[0] - NOON_S
-    assert 3600.0 < gone_s < CATCH_UP * lasts_s
-
-
-def test_a_bench_that_was_off_for_long_deletes_what_is_old_after_a_while(tmp_path: Path) -> None:
-    path = tmp_path / "h.sqlite"
-    life(path, even(NOON_S, 3600.0, 60.0))
-    again_s = NOON_S + 4.0 * DAY_S
-    assert life(path, even(again_s, STEADY_S, 60.0)) == []
+    wrong = even(NOON_S + 1.0 * DAY_S, 0.8 * DAY_S, 60.0, 1.0 * DAY_S, 400.0 * DAY_S)
+    life(path, [*even(NOON_S, 1.0 * DAY_S, 60.0), *wrong])
+    again_s = NOON_S + 900.0 * DAY_S
+    assert life(path, even(again_s, 3600.0, 60.0)) == []  # forward: it was off
     assert labels(path)[0] == NOON_S
-    life(path, even(again_s + STEADY_S, 16 * 3600.0, 60.0, 5e5))
-    assert labels(path)[0] == again_s
+    life(path, even(again_s + 3600.0, 1.0 * DAY_S, 60.0))
+    assert labels(path)[0] > NOON_S + 0.5 * DAY_S  # two days of running are kept
 
 
 def test_a_jump_back_into_hours_whose_rows_are_gone_leaves_their_roll_ups(tmp_path: Path) -> None:
@@ -107,27 +97,6 @@ def test_a_jump_back_into_hours_whose_rows_are_gone_leaves_their_roll_ups(tmp_pa
     assert set(labels(path, "hour", "count")) == {60}
 
 
-@given(
-    steps=st.lists(st.tuples(st.floats(0.0, 4000.0), st.floats(-1e8, 1e8) | st.just(0.0)), min_size=1, max_size=60),
-)
-def test_the_aged_clock_never_runs_faster_than_it_may(steps: list[tuple[float, float]]) -> None:
-    clock = AgingClock()
-    clock.row(NOON_S, 0.0)
-    wall_s, clock_s, since_jump_s, before_s = NOON_S, 0.0, 0.0, NOON_S
-    for passed_s, off_s in steps:
-        wall_s, clock_s = wall_s + passed_s + off_s, clock_s + passed_s
-        since_jump_s = 0.0 if clock.row(wall_s, clock_s) else since_jump_s + passed_s
-        most_s = passed_s * (CATCH_UP if since_jump_s >= STEADY_S else 1.0)
-        assert clock.aged_s is not None
-        assert clock.aged_s - before_s <= most_s + 1e-6
-        assert clock.aged_s <= max(before_s, wall_s)
-        before_s = clock.aged_s
-
-
-def test_a_server_that_slews_and_a_busy_computer_are_no_jump() -> None:
-    clock = AgingClock()
-    wall_s = NOON_S
-    for k in range(10_000):
-        wall_s += 1.0005
-        assert clock.row(wall_s + (4.0 if k % 100 == 50 else 0.0), float(k)) == 0.0
-    assert clock.aged_s == pytest.approx(wall_s, abs=6.0)
+def test_a_server_that_slews_and_a_busy_computer_are_no_jump(tmp_path: Path) -> None:
+    moments = [(NOON_S + 1.0005 * k + (4.0 if k % 100 == 50 else 0.0), float(k)) for k in range(2000)]
+    assert life(tmp_path / "h.sqlite", moments) == []

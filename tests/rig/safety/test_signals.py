@@ -62,10 +62,10 @@ def again_and_again(work: Callable[[], object], until_s: float) -> None:
 @pytest.mark.parametrize("use", [threading.Event.clear, lambda event: event.wait(1e-5)], ids=["clear", "wait"])
 def test_a_signal_leaves_no_lock_taken(use: Callable[[threading.Event], object]) -> None:
     """Whoever asked for it then would wait for ever. Of ten signals in the midst of `clear` three would leave one."""
-    for round_ in range(40):
+    for round_ in range(15):
         event = threading.Event()
         with pytest.raises(Stopped, match="SIGTERM"):
-            again_and_again(partial(use, event), 2e-5 * round_)
+            again_and_again(partial(use, event), 5e-5 * round_)
         other = threading.Thread(target=event.set, daemon=True)
         other.start()
         other.join(SOON_S)
@@ -74,9 +74,9 @@ def test_a_signal_leaves_no_lock_taken(use: Callable[[threading.Event], object])
 
 def test_a_signal_while_a_thread_is_begun_raises_behind_it() -> None:
     """`threading` has locks that all threads share: what is done with a signal must not need them."""
-    for round_ in range(40):
+    for round_ in range(15):
         with pytest.raises(Stopped, match="SIGTERM"):
-            again_and_again(lambda: threading.Thread(target=int).start(), 2e-5 * round_)
+            again_and_again(lambda: threading.Thread(target=int).start(), 5e-5 * round_)
 
 
 @pytest.mark.parametrize("wait", [threading.Event().wait, queue.Queue[int]().get])
