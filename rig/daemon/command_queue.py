@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 from rig.config.configuration import ConfigurationFile
 from rig.control.decision import Ticks
-from rig.core.clock import Clock
+from rig.core.clock import RealClock
 from rig.core.errors import PortHeld
 from rig.core.faults import Faults
 from rig.core.outcome import Outcome, Tripped
@@ -212,19 +212,16 @@ class CommandQueue:
     def __init__(
         self,
         file: ConfigurationFile,
-        clock: Clock,
         notes: list[str],
         take_folder: Callable[[], None] = lambda: None,
         log: Callable[[str], None] = lambda line: None,
     ) -> None:
         serve = file.content.serve
-        self.file, self.clock = file, clock
+        self.file, self.clock = file, RealClock()
         self.folder = history_folder(file)
         self.configurations = file.beside(serve.configurations)
-        self.virtual = file.content.virtual_time
-        self._epoch_s = time.time() - clock.now_s()  # of simulated time alone
         self.announcer = Announcer()
-        self.output_lock = OutputLock(clock.now_s if not self.virtual else time.monotonic)
+        self.output_lock = OutputLock(self.clock.now_s)
         self.notes = list(notes)
         self.queue = JobQueue()
         self._take_folder, self._log = take_folder, log
@@ -244,9 +241,9 @@ class CommandQueue:
         self.drive_unit = "A"
         self.stop_port: int | None = None  # of STOP's own listener
         self.phase: tuple[str, float, float] | None = None  # name, begin (clock's s), duration (s)
-        self.job_began_s = self.last_cycle_s = clock.now_s()
+        self.job_began_s = self.last_cycle_s = self.clock.now_s()
         self.coming_s = 0.0  # expected duration of the job's later phases
-        self.began_s = self.steady_s()
+        self.began_s = self.clock.now_s()
         self.gaps = Gaps(self.began_s)
         self.live: dict[str, Any] = {}
         self.lock = threading.RLock()
@@ -268,18 +265,7 @@ class CommandQueue:
 
     def label_s(self) -> float:
         """Return Unix seconds: a label, never a basis of control."""
-        return self._epoch_s + self.clock.now_s() if self.virtual else time.time()
-
-    def steady_s(self) -> float:
-        """Return seconds of a clock that never jumps, for durations; it begins anywhere."""
-        return self._epoch_s + self.clock.now_s() if self.virtual else self.clock.now_s()
-
-    def use_clock(self, clock: Clock) -> None:
-        """Take the clock of an opened bench; simulated time goes on where it was."""
-        label_s = self.label_s()
-        self.clock = clock
-        self._epoch_s = label_s - clock.now_s()
-        self.last_cycle_s = clock.now_s()
+        return time.time()
 
     # -- history -------------------------------------------------------------------------------------------------
 
@@ -414,9 +400,8 @@ class CommandQueue:
 
     def row(self, row: dict[str, Any]) -> None:
         """Take the row of a completed control cycle: into the history, and published when it is committed there."""
-        now_s = self.steady_s()
         self.ticks.done += 1
-        self.last_cycle_s = self.clock.now_s()
+        now_s = self.last_cycle_s = self.clock.now_s()
         self.gaps.cycle(now_s, self._longest_between_s())
         self.live = row
         self.writer.row(row, now_s)
@@ -601,7 +586,7 @@ class CommandQueue:
             "time_s": self.label_s(),
             "version": __version__,
             "name": self.file.content.serve.name,
-            "uptime_s": max(0.0, self.steady_s() - self.began_s),
+            "uptime_s": now_s - self.began_s,
             "state": word,
             "output": self.output,
             "output_confirmed": self.confirmed,

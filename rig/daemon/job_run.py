@@ -80,7 +80,7 @@ class JobRun(Onlooker):
         lock = commands.output_lock
         self._pass = by = JobPass(lock)
         self._lock, self._over = threading.Lock(), False
-        clock = StoppableClock(bench.clock, lock, by, not bench.virtual)
+        clock = StoppableClock(bench.clock, lock, by)
         self._clock = clock
         self._bench = replace(
             bench,

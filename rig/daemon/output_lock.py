@@ -143,8 +143,8 @@ class OutputLock:
 class StoppableClock:
     """A clock whose sleeper STOP wakes. latest_s: by how much sleepers were late."""
 
-    def __init__(self, clock: Clock, lock: OutputLock, by: JobPass, real: bool) -> None:
-        self._clock, self._lock, self._pass, self._real = clock, lock, by, real
+    def __init__(self, clock: Clock, lock: OutputLock, by: JobPass) -> None:
+        self._clock, self._lock, self._pass = clock, lock, by
         self.latest_s = 0.0
 
     def now_s(self) -> float:
@@ -155,9 +155,7 @@ class StoppableClock:
         """Sleep. Raises the reason why the lock is closed, or the pass void."""
         self._pass.check()
         remaining_s = time_s - self._clock.now_s()
-        if remaining_s <= 0.0 or not self._real:
-            self._clock.sleep_until_s(time_s)
-        elif self._lock.changed.wait(remaining_s):
+        if remaining_s > 0.0 and self._lock.changed.wait(remaining_s):
             self._pass.check()
             self._clock.sleep_until_s(time_s)
         self.latest_s = max(self.latest_s, self._clock.now_s() - time_s)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from rig.bench.assembly import open_bench
 from rig.config.configuration import ConfigurationFile
-from rig.core.clock import RealClock
 from rig.core.errors import PortHeld, RigError
 from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff
@@ -120,7 +119,7 @@ def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:
             folder.take()
         notifier = stack.enter_context(closing(Notifier()))
         _off_first(file, guard, notifier)
-        commands = CommandQueue(file, RealClock(), notes, folder.take, log)
+        commands = CommandQueue(file, notes, folder.take, log)
         held = commands.no_job_because()[: 1 if commands.latch is not None else 0]
         for line in [*commands.warnings(), *held, *_token_notes(file)]:
             log(line)

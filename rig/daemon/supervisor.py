@@ -108,7 +108,7 @@ class Supervisor:
                     if news:
                         text = f"offline, tried again every {TRY_AGAIN_S:g} s: {commands.offline_because}"
                         commands.enter_in_log(text)
-                    self._wait_to_try_again()
+                    self._pause(TRY_AGAIN_S)
                     self._raise_if_ending()
             except Stopped as stopped:
                 add_guard_death(self._guard, stopped)
@@ -176,7 +176,7 @@ class Supervisor:
         if commands.offline_because:
             commands.enter_in_log("the bench is held again, the output is off")
         commands.online, commands.offline_because = True, ""
-        commands.use_clock(bench.clock)
+        commands.last_cycle_s = commands.clock.now_s()
 
     def _release(self, error: BaseException) -> None:
         """Switch the output off and end the job before the ports are closed; signals wait meanwhile."""
@@ -214,7 +214,7 @@ class Supervisor:
             self._raise_if_ending()
             if self._jobs(bench, controller):
                 due = clock.now_s()
-            busy = commands.in_loop or (bench.virtual and self._running is not None)
+            busy = commands.in_loop
             if clock.now_s() >= due:
                 if not busy:
                     with self._idle_lock:
@@ -225,19 +225,7 @@ class Supervisor:
                 due += (missed + 1) * period
             if clock.now_s() - commands.last_cycle_s < 2.0 * period + 1.0:
                 self._notifier.cycle()
-            if not bench.virtual:
-                self._pause(due - clock.now_s())
-            elif self._running is None:
-                clock.sleep_until_s(due)
-            else:
-                self._pause(0.02)
-
-    def _wait_to_try_again(self) -> None:
-        commands = self._commands
-        if commands.virtual:
-            commands.clock.sleep_until_s(commands.clock.now_s() + TRY_AGAIN_S)
-        else:
-            self._pause(TRY_AGAIN_S)
+            self._pause(due - clock.now_s())
 
     def _pause(self, seconds: float) -> None:
         """Sleep, or until a command comes."""

@@ -163,30 +163,41 @@ class Guard:
 
         dead_man_s: time that the controller's dead man will be configured to.
         """
+        held = {"role": role, "driver": driver, "port": port, "options": options, "dead_man_s": dead_man_s}
+        self._send(LAST_WAIT_S, event="holds", **held)
 
     def let_go(self) -> None:
         """Report that no port is held any more, and that the output is off, confirmed."""
+        self._send(LAST_WAIT_S, event="let_go")
 
     def not_opened(self) -> None:
         """Report that the controller of the last `holds` could not be opened."""
+        self._send(LAST_WAIT_S, event="not_opened")
 
     def given_up(self) -> None:
         """Report that the output is not confirmed off, that nothing more is tried now, and that the user is told."""
+        self._send(LAST_WAIT_S, event="given_up")
 
     def busy(self) -> None:
         """Report that the output may come on: cycles have to be completed from now on."""
+        self._send(event="busy")
 
     def idle(self) -> None:
         """Report that the output is off, confirmed."""
+        self._send(event="idle")
 
     def alive(self) -> None:
         """Report a completed cycle. Raises GuardGone."""
 
     def records(self, folder: str) -> None:
         """Report the folder of the run that begins; "" once it is over and its report drawn."""
+        self._send(event="records", folder=folder)
 
     def expects(self, curves: ExpectedCurves | None) -> None:
         """Report the temperatures to expect if the output went off now; None if no reading could decide."""
+
+    def _send(self, patience_s: float = 0.0, **message: Any) -> None:
+        """Send a message that must arrive; without a guard process there is nobody to send it to."""
 
 
 UNGUARDED: Final = Guard()
@@ -216,32 +227,10 @@ class GuardPipe(Guard):
             self._send(event="begun")
         self._suspension = SuspensionWatch(guard_pid)
 
-    def holds(self, role: str, driver: str, port: str, options: dict[str, Any], dead_man_s: float = 0.0) -> None:
-        held = {"role": role, "driver": driver, "port": port, "options": options, "dead_man_s": dead_man_s}
-        self._send(LAST_WAIT_S, event="holds", **held)
-
-    def let_go(self) -> None:
-        self._send(LAST_WAIT_S, event="let_go")
-
-    def not_opened(self) -> None:
-        self._send(LAST_WAIT_S, event="not_opened")
-
-    def given_up(self) -> None:
-        self._send(LAST_WAIT_S, event="given_up")
-
-    def busy(self) -> None:
-        self._send(event="busy")
-
-    def idle(self) -> None:
-        self._send(event="idle")
-
     def alive(self) -> None:
         if self._suspension.found:
             raise GuardGone(f"the guard process {self._guard_pid} is suspended")
         self._send_or_drop(ALIVE)
-
-    def records(self, folder: str) -> None:
-        self._send(event="records", folder=folder)
 
     def expects(self, curves: ExpectedCurves | None) -> None:
         table = curves.table() if curves is not None else None

@@ -20,11 +20,12 @@ from rig.daemon.announcer import sent_event
 from rig.daemon.web_process import listening, why_not
 from rig.overview.bench import Bench, Unanswered
 from rig.overview.configuration import Overview
-from rig.page import OVERVIEW, STATIC
 from rig.version import __version__
 from rig.web.page_server import (
     LONGEST_NAME,
+    OVERVIEW,
     PAGE_CONNECTIONS,
+    STATIC,
     PageFiles,
     Refusal,
     Viewer,

@@ -20,7 +20,6 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +39,16 @@ from rig.history.reading import loop_points, temperatures
 from rig.history.store import trouble_of
 from rig.records.film_output import output_to_ohm
 from rig.web.bench_link import JOBS, STOP, BenchGone, BenchLink, forward
-from rig.web.page_server import PageFiles, Refusal, begin_session, events_reply, json_reply, refusal_reply, refused
+from rig.web.page_server import (
+    STATIC,
+    PageFiles,
+    Refusal,
+    begin_session,
+    events_reply,
+    json_reply,
+    refusal_reply,
+    refused,
+)
 from rig.web.protection import Names, Protection, Sessions
 
 AT_ONCE = 2  # queries: each takes a thread and a read of the disk
@@ -409,9 +417,7 @@ def application(link: BenchLink, settings: dict[str, Any]) -> Starlette:
         Route("/metrics", requests.metrics),
         Route("/health", requests.health),
     ]
-    page = Path(str(resources.files("rig"))) / "page" / "static"
-    if page.is_dir():
-        routes.append(Mount("/", PageFiles(page, settings["stop_port"])))
+    routes.append(Mount("/", PageFiles(STATIC, settings["stop_port"])))
     names = Names(settings["address"], settings["hosts"])
 
     @contextlib.asynccontextmanager

@@ -31,9 +31,17 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from rig.core.json_text import parsed_json
 from rig.daemon.announcer import encoded, sent_event
-from rig.page import CONTENT_SECURITY_POLICY
 from rig.web.protection import COOKIE, Sessions, host_name
 
+PAGE = Path(__file__).resolve().parents[1] / "page"
+STATIC, OVERVIEW = (
+    PAGE / "static",
+    PAGE / "overview",
+)  # of a bench, and of several; no build step
+# the strictest policy that the pages work under: no inline script or style, nothing from another origin, no frame
+CONTENT_SECURITY_POLICY = (
+    "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
+)
 LONGEST_NAME = 80  # characters of a press or an address in the log
 WAITING = 60  # events for one viewer
 MOST_VIEWERS = 300  # of the connections, so that there is room for requests

@@ -15,7 +15,6 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from rig.config.configuration import read_configuration
-from rig.core.clock import RealClock
 from rig.core.outcome import Outcome, Stopped
 from rig.daemon.command_queue import CommandQueue
 from rig.daemon.http_server import Requests, UnixServer
@@ -78,7 +77,7 @@ class RunningBench:
         self.socket = socket
         self._listener = UnixServer(socket)
         self.logged: list[str] = []
-        self.commands = CommandQueue(self.file, RealClock(), notes, log=self.logged.append)
+        self.commands = CommandQueue(self.file, notes, log=self.logged.append)
         self.supervisor = Supervisor(self.file, self.commands, Notifier())
         self._thread = threading.Thread(target=self._keep, daemon=True)
         self._listener.start(Requests(self.commands))

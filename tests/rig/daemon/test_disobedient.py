@@ -127,7 +127,7 @@ def test_an_end_while_the_output_is_unknown_says_of_which_controller(
     left: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where its port has gone since: nobody has confirmed the off that was not confirmed before."""
-    commands = cast(CommandQueue, Mock(contradicted=left == "contradicted", virtual=False, wake=threading.Event()))
+    commands = cast(CommandQueue, Mock(contradicted=left == "contradicted", wake=threading.Event()))
     table = SimpleNamespace(port="/dev/one", dead_man_s=5.0)
     file = SimpleNamespace(content=SimpleNamespace(bench=SimpleNamespace(controller=table)))
     one = supervisor.Supervisor(cast(Any, file), commands, Notifier())

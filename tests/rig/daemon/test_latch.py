@@ -15,7 +15,6 @@ from typing import Any
 import pytest
 
 from rig.config.configuration import ConfigurationFile, read_configuration
-from rig.core.clock import RealClock
 from rig.daemon import latch
 from rig.daemon.command_queue import HISTORY, CommandQueue
 from rig.daemon.http_server import Refusal, Requests
@@ -37,7 +36,7 @@ def file(tmp_path: Path) -> ConfigurationFile:
 @contextlib.contextmanager
 def life(file: ConfigurationFile) -> Iterator[CommandQueue]:
     """A daemon's commands, without instruments."""
-    commands = CommandQueue(file, RealClock(), [])
+    commands = CommandQueue(file, [])
     commands.writer.start()
     try:
         yield commands
@@ -360,7 +359,7 @@ def test_no_job_starts_between_finding_and_latching_that_an_output_was_left_on(
         assert commands.writer.settle()
     with monkeypatch.context() as patched:
         patched.setattr("rig.daemon.command_queue.Store", no_room)
-        commands = CommandQueue(file, RealClock(), [])
+        commands = CommandQueue(file, [])
     commands.output_now("off")
     commands.writer.start()
     until(lambda: commands.had_history, "the history")

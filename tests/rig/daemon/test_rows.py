@@ -58,7 +58,7 @@ def test_a_jump_of_the_clock_and_a_gap_are_told(tmp_path: Path, monkeypatch: pyt
         monkeypatch.undo()
         until(lambda: any("jumped back by 400.0 days" in line for line in bench.state()["warnings"]), "the way back")
         gaps = bench.state()["gaps"]["count"]
-        bench.commands.gaps.cycle(bench.commands.steady_s() + 35.0, 3.0)
+        bench.commands.gaps.cycle(bench.commands.clock.now_s() + 35.0, 3.0)
         assert bench.state()["gaps"]["count"] == gaps + 1
         told = dict(status_rows(bench.state()))
         assert "the longest 3" in told["gaps"]

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rig.page import STATIC
+from rig.web.page_server import STATIC
 from tests.rig.daemon.benches import until
 from tests.rig.web.page_bench import PageBench, served
 
