@@ -51,9 +51,11 @@ def read_only(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     yield from rig_with(tmp_path_factory.mktemp("read_only"), "")
 
 
-@pytest.fixture
-def writable(tmp_path: Path) -> Iterator[Rig]:
-    yield from rig_with(tmp_path, f'write = true\nusers = ["{OURSELVES}"]\nhosts = ["127.0.0.1"]\n')
+@pytest.fixture(scope="module")
+def writable(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    yield from rig_with(
+        tmp_path_factory.mktemp("writable"), f'write = true\nusers = ["{OURSELVES}"]\nhosts = ["127.0.0.1"]\n'
+    )
 
 
 def test_a_reading_has_its_own_time_its_unit_and_the_limits(read_only: Rig) -> None:
@@ -106,27 +108,6 @@ def test_stop_is_for_everybody_and_nothing_else_can_be_written(read_only: Rig) -
     pva.until("STATE", lambda state: int(state) == STOPPED)
 
 
-def test_a_value_beyond_limits_is_refused_with_an_alarm_and_never_clamped(writable: Rig) -> None:
-    _, pva, ca_port = writable
-    pva.put("HOLD:TEMPERATURE", 40.0)
-    assert (float(pva.get("HOLD:TEMPERATURE")), pva.get("HOLD:TEMPERATURE").severity) == (40.0, NO_ALARM)
-    for wrong in (500.0, -500.0, math.nan, math.inf):
-        pva.put("HOLD:TEMPERATURE", wrong)
-        kept = pva.get("HOLD:TEMPERATURE")
-        assert (float(kept), kept.severity) == (40.0, INVALID if math.isnan(wrong) else MAJOR)
-    pva.put("HOLD:TEMPERATURE", 40.0)  # the old one, rightly
-    assert pva.get("HOLD:TEMPERATURE").severity == NO_ALARM
-    for wrong in (0.0, 1e9):
-        pva.put("HOLD:DURATION", wrong)
-        assert (float(pva.get("HOLD:DURATION")), pva.get("HOLD:DURATION").severity) == (600.0, MAJOR)
-    stranger = CaClient(ca_port, "stranger")
-    try:
-        answer = stranger.ask("HOLD:TEMPERATURE", value=500.0)
-    finally:
-        stranger.close()
-    assert answer["value"] == 40.0
-
-
 def test_a_hold_is_started_ended_and_reset_with_a_reason(writable: Rig) -> None:
     bench, pva, _ = writable
     pva.put("HOLD:START", 1)
@@ -153,6 +134,28 @@ def test_a_hold_is_started_ended_and_reset_with_a_reason(writable: Rig) -> None:
     pva.put("RUN:START", 1)
     assert pva.get("COMMAND:RESULT").severity == MAJOR
     assert "no such name" in pva.text("COMMAND:RESULT")
+
+
+def test_a_value_beyond_limits_is_refused_with_an_alarm_and_never_clamped(writable: Rig) -> None:
+    _, pva, ca_port = writable
+    pva.put("HOLD:TEMPERATURE", 40.0)
+    assert (float(pva.get("HOLD:TEMPERATURE")), pva.get("HOLD:TEMPERATURE").severity) == (40.0, NO_ALARM)
+    for wrong in (500.0, -500.0, math.nan, math.inf):
+        pva.put("HOLD:TEMPERATURE", wrong)
+        kept = pva.get("HOLD:TEMPERATURE")
+        assert (float(kept), kept.severity) == (40.0, INVALID if math.isnan(wrong) else MAJOR)
+    pva.put("HOLD:TEMPERATURE", 40.0)  # the old one, rightly
+    assert pva.get("HOLD:TEMPERATURE").severity == NO_ALARM
+    pva.put("HOLD:DURATION", 600.0)
+    for wrong in (0.0, 1e9):
+        pva.put("HOLD:DURATION", wrong)
+        assert (float(pva.get("HOLD:DURATION")), pva.get("HOLD:DURATION").severity) == (600.0, MAJOR)
+    stranger = CaClient(ca_port, "stranger")
+    try:
+        answer = stranger.ask("HOLD:TEMPERATURE", value=500.0)
+    finally:
+        stranger.close()
+    assert answer["value"] == 40.0
 
 
 BEGAN_BEFORE_THE_ANSWER = """

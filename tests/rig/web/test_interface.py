@@ -204,7 +204,7 @@ def test_a_large_body_is_refused(bench: RunningBench) -> None:
     assert bench.ask("GET", "/health")[0] == 200
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     path=st.sampled_from(["/api/jobs", "/api/reset", "/api/session"]),
     body=st.one_of(

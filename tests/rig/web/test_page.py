@@ -32,6 +32,13 @@ def test_readings_and_the_loop_are_live(open_page: Open, bench: PageBench) -> No
     expect(page.locator("#loop-memory")).to_contain_text(re.compile(r"[\d.]+ k?Ω to [\d.]+ k?Ω"))
     expect(page.locator("#loop-plot path.rising")).to_have_count(1)
     expect(page.locator("#loop-plot path.reach")).to_have_count(1)
+    gaps = {"count": 2, "longest_s": 340.0, "total_s": 352.0}
+    bench.shown = {"drive_unit": "of full drive", "gaps": gaps}  # of a heater
+    page.reload()
+    expect(page.locator("#tile-current h2")).to_contain_text("Drive")
+    expect(page.locator("#tile-current .unit")).to_have_text("of full")
+    expect(page.locator("#plot-current figcaption")).to_have_text("Drive, of full")
+    expect(page.locator("#facts")).to_contain_text("2, the longest 5 min 40 s")
 
 
 def test_stale_readings_are_named_so(open_page: Open, bench: PageBench) -> None:
@@ -68,11 +75,7 @@ def test_a_trip_is_shown_and_reset_with_a_reason(open_page: Open, bench: PageBen
     expect(page.locator("#state-word")).to_have_text("Idle")
     expect(page.locator("#latch")).to_be_hidden()
     assert any(line.endswith("reset: the fan was unplugged") for line in bench.logged)
-
-
-def test_an_output_that_is_not_confirmed_off_says_what_to_do_first(open_page: Open, bench: PageBench) -> None:
-    page = open_page()
-    bench.trip_now("not_confirmed_off", "the controller is gone")
+    bench.trip_now("not_confirmed_off", "the controller is gone")  # says what to do first
     expect(page.locator("#latch-text")).to_have_text("Switch the controller off by hand. the controller is gone")
 
 
@@ -127,16 +130,6 @@ def test_no_line_is_drawn_over_a_gap_in_the_loop(open_page: Open, bench: PageBen
         rows,
     )
     expect(page.locator("#loop-plot path.fresh")).to_have_attribute("d", re.compile(r"^M[^M]*L[^M]*M[^M]*L[^M]*$"))
-
-
-def test_a_heater_has_a_drive(open_page: Open, bench: PageBench) -> None:
-    gaps = {"count": 2, "longest_s": 340.0, "total_s": 352.0}
-    bench.shown = {"drive_unit": "of full drive", "gaps": gaps}
-    page = open_page()
-    expect(page.locator("#tile-current h2")).to_contain_text("Drive")
-    expect(page.locator("#tile-current .unit")).to_have_text("of full")
-    expect(page.locator("#plot-current figcaption")).to_have_text("Drive, of full")
-    expect(page.locator("#facts")).to_contain_text("2, the longest 5 min 40 s")
 
 
 def test_faults_of_an_own_text_are_listed(open_page: Open, bench: PageBench) -> None:
