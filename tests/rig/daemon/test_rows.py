@@ -15,7 +15,7 @@ from rig.history.store import connect_to_read
 from rig.records.record_file import read_record
 from tests.rig.daemon.benches import SERVE, running, until, write_current
 
-THROUGH_THE_RANGES = '["start 0.5 A", "hold 2 s", "ramp to 3 A in 20 s", "hold 10 s"]'
+THROUGH_THE_RANGES = '["start 0.5 A", "hold 2 s", "ramp to 3 A in 3 s", "hold 8 s"]'
 
 
 def test_the_test_current_is_that_of_the_rows_own_reading(tmp_path: Path) -> None:

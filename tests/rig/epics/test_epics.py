@@ -22,6 +22,7 @@ from tests.rig.epics.servers import CaClient, PvaClient, epics_table, serving
 for library in ("softioc", "p4p", "epics"):
     pytest.importorskip(library, reason=f"{library} is not installed (pip install softioc p4p pyepics)")
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 NO_ALARM, MAJOR, INVALID = 0, 2, 3
 OURSELVES = pwd.getpwuid(os.getuid()).pw_name
 STOPPED = 2

@@ -12,7 +12,7 @@ from tests.rig.web.page_bench import PageBench, served
 
 
 @pytest.fixture
-def bench(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[PageBench]:
+def bench(tmp_path: Path, request: pytest.FixtureRequest, undrawn: None) -> Iterator[PageBench]:
     """A bench that idles, with its page. Parameter: more words for `served`."""
     with served(tmp_path / "bench", **getattr(request, "param", {})) as one:
         yield one

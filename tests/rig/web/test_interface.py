@@ -21,6 +21,7 @@ from rig.core.faults import Faults
 from rig.daemon.serving import bench_of
 from tests.rig.daemon.benches import HEADERS, SERVE, RunningBench, running, until, write_current
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 STATE = {
     "time_s", "version", "name", "uptime_s", "state", "output", "output_confirmed", "trip", "job", "queue", "reading",
     "limits", "dead_man_s", "instruments", "ticks", "memory_known", "viewers", "warnings",

@@ -33,6 +33,7 @@ from rig.web.page_server import MOST_LINES, BoundedLog
 from rig.web.protection import Names
 from tests.rig.daemon.benches import HEADERS, RunningBench, running, until, write_current
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 TOKEN, METRICS, HOOK = (
     "a token of more than sixteen letters",
     "metrics: another one than that",
