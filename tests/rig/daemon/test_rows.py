@@ -1,42 +1,34 @@
-"""Rows of the history: beside those of the job's own record, and after it; gaps and jumps of the clock."""
+"""Rows of the history; gaps and jumps of the clock."""
 
 from __future__ import annotations
 
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
-import numpy as np
 import pytest
 
-from rig.config.configuration import read_configuration
+from rig.control.decision import Tick, Ticks
+from rig.core.reading import Reading
 from rig.daemon.command_queue import Gaps
+from rig.daemon.job_run import JobRun
 from rig.daemon.status_text import status_rows
-from rig.history.store import connect_to_read
-from rig.records.record_file import read_record
 from tests.rig.daemon.benches import SERVE, running, until, write_current
 
-THROUGH_THE_RANGES = '["start 0.5 A", "hold 2 s", "ramp to 3 A in 3 s", "hold 8 s"]'
 
-
-def test_the_test_current_is_that_of_the_rows_own_reading(tmp_path: Path) -> None:
+def test_the_test_current_is_that_of_the_rows_own_reading() -> None:
     """Though the next reading, in another range maybe, has been begun when the row is written."""
-    path = write_current(tmp_path, THROUGH_THE_RANGES, more=SERVE)
-    with running(path) as bench:
-        job = bench.commands.submit(read_configuration(path))
-        until(lambda: job.ended_s is not None, "the job's end")
-        assert job.state == "done", job.reason
-        assert job.folder is not None
-        bench.commands.writer.settle()
-        with connect_to_read(bench.commands.folder / "history.sqlite") as connection:
-            kept = connection.execute("SELECT resistance_ohm, meter_current_A FROM raw").fetchall()
-        record = read_record(job.folder / "record.csv")
-    in_history = dict(kept)
-    rows = np.flatnonzero(np.diff(record["meter_current_A"]) != 0.0)
-    assert rows.size
-    for row in (*rows, *(rows + 1)):
-        ohm = record["resistance_ohm"][row]
-        if np.isfinite(ohm):
-            assert in_history[ohm] == record["meter_current_A"][row]
+    rows: list[dict[str, Any]] = []
+    commands = SimpleNamespace(label_s=lambda: 7.0, ticks=Ticks(), row=rows.append)
+    valid, clock = SimpleNamespace(check_void=lambda: None), SimpleNamespace(latest_s=0.0)
+    job = SimpleNamespace(_commands=commands, _pass=valid, _clock=clock, _job=SimpleNamespace(id="1"), _last=None)
+    wanted = dict.fromkeys(("setpoint_degC", "reference_degC", "target_ohm", "predicted_ohm"), 1.0)
+    decision = SimpleNamespace(done=False, **wanted)
+    readings = {"temperature": Reading(60.0, 0.0), "resistance": Reading(1e4, 0.0), "test_current_A": 1e-4}
+    tick = SimpleNamespace(decision=decision, current_A=1.5, watch=None, phase="profile", **readings)
+    JobRun.tick(cast(JobRun, job), cast(Tick, tick))
+    assert (rows[0]["resistance_ohm"], rows[0]["meter_current_A"], rows[0]["job"]) == (1e4, 1e-4, "1")
 
 
 def test_gaps_are_counted() -> None:

@@ -25,6 +25,7 @@ from rig.core.json_text import parsed_json
 from rig.daemon.client import Client, Refusal
 from rig.daemon.configurations import AT_MOST, FREE, FREE_TABLES, PORTS, WITHIN, admit
 from rig.daemon.http_server import MOST_CONNECTIONS
+from rig.daemon.latch import CLEAR, LATCH, Entry, write
 from rig.history import reading
 from rig.history.store import Retention, Store
 from rig.web import page_server, serving
@@ -56,6 +57,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningBench]:
     job = {"id": "old", "queued_s": 1.0, "state": "done", "name": "film \ud800", "folder": None, "ended_s": 2.0}
     store.save_job(job)
     store.close()
+    write(folder / ODD / LATCH, Entry(CLEAR, "new", "", 1.0))
     with running(write_current(folder, more=serve), web=True) as bench:
         yield bench
 
