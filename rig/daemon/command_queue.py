@@ -1,8 +1,7 @@
 """The command queue: commands to the bench, its jobs, latch and history, between its threads and everybody else.
 
 Its methods may be called from any thread, and none but `stop` and `cancel` waits for an instrument.
-
-A job, an experiment that was submitted, and the queue of jobs.
+A job is an experiment that was submitted.
 """
 
 from __future__ import annotations

@@ -18,8 +18,6 @@ within minutes, and `alive` raises `GuardGone` as well.
 
 A message that must arrive and finds no room is kept, and goes before all others as soon as there is room.
 
-How guard and working process notice each other's end.
-
 The guard hears of the working process's death through a robust mutex in shared memory: the working process locks it and
 never releases it. When that process dies, of whatever cause, the kernel wakes the waiting guard (EOWNERDEAD) as one of
 the first things it does; SIGCHLD, a pidfd and the end of a pipe come only after its memory has been freed, which takes

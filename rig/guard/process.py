@@ -16,10 +16,8 @@ dead man for instruments without one. Ctrl-Z is ignored, so that an armed output
 
 Neither numpy nor a configuration is imported here, so that the guard stays small: some 15 MB.
 
-Decide whether a run needs a guard, and refuse real ports that neither a guard nor a dead man protects.
-
-If the program hangs, its guard switches the output off, or the controller's own dead man. Without either, nothing runs
-on real ports unless the user gives --unguarded. The ports are read without the schema, which takes long to load.
+If a run on real ports has neither a guard process nor a controller with a dead man of its own, it is refused unless the
+user gives --unguarded. The ports are read without the schema, which takes long to load.
 """
 
 from __future__ import annotations

@@ -8,9 +8,7 @@
 Times are Unix seconds: a label, never a basis of control. Not-a-number is NULL; an overrange resistance is infinite.
 `written_s` is the clock by which rows grow old, `aged_s` its present value (`rig.history.writer`).
 
-Classify errors of the history database, in words: a lock, which passes, a full disk, damage.
-
-SQLite's result codes, https://www.sqlite.org/rescode.html; the bytes locked in `-shm`,
+Sources: SQLite's result codes, https://www.sqlite.org/rescode.html; the bytes locked in `-shm`,
 https://www.sqlite.org/walformat.html#wal_locks; the lines of /proc/locks, proc_locks(5).
 """
 

@@ -4,13 +4,13 @@ Each tick gives it the readings and the command that the law wants to send. It p
 corrects a value silently. Switching the output off after a trip is not its task. In the order of a tick:
 
 late       this program itself did not read for too long while the output was on
-readings   a frozen, jumping or missing reading does not count (`rig.safety.bench_watch`)
+readings   a frozen, jumping or missing reading does not count (`ThermometerCheck`, `OhmmeterCheck`)
 limits     temperature, test current; no good reading for too long
 plate      heat that was put in has to show (`rig.safety.plate_watch`)
 command    a current within the limits, and not beyond that of largest cooling
 status     about once a second, the controller's own report
 
-Detect frozen and jumping readings; lower their quality and give the reason in words.
+Readings that do not count have their quality lowered, with the reason in words:
 
 frozen   the same number, to the last bit, many times. An instrument whose noise moved its readings up and down just
          before is frozen if so many equal readings have a probability below `BY_CHANCE`. One with coarse steps, or

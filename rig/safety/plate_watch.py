@@ -19,10 +19,9 @@ a settle / e, one settling time later.
 strong heating while it gets colder below it, no response to a current that has come on. If the instrument regulates by
 itself and reports no current, the temperature has to approach a setpoint that is far away.
 
-Estimate plate and thermometer from one small current pulse, before there is any model.
-
-The pulse is rest, a current, and 0 A until the temperature has responded. The fit uses the smallest chain that predicts
-how much heat has not shown yet:
+`first_plate` estimates plate and thermometer from one small current pulse, before there is any model. The
+pulse is rest, a current, and 0 A until the temperature has responded. The fit uses the smallest chain that predicts how
+much heat has not shown yet:
 
     reading = drift at rest + gain x (charge that acts after a delay, seen through the thermometer's lag, losing heat)
 

@@ -1,4 +1,4 @@
-"""Switch the output off and find out whether it is off, for the working process, the guard and `peltier off`.
+"""Switch the output off, find out whether it is off, and check that against the temperature.
 
 1. off: the driver's commands, each stronger than the one before; done within 0.7 s.
 2. silence: if "off" is not confirmed and the controller has a dead man, nothing is sent for a little longer than the
@@ -7,8 +7,6 @@
 
 An output that is not confirmed off then is reported as such, and never as confirmed later: it has to be switched off by
 hand. Time is the bench's clock, which the controller's transport uses.
-
-Check a confirmed "off" against the temperature that follows it.
 
 A controller may report "off, 0 A" while a current still flows. After it has confirmed its "off", the thermometer is
 therefore read for some seconds and compared with two expected curves that begin where plate and thermometer were: one

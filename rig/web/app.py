@@ -1,9 +1,6 @@
 """The page's application, docs/bench_api.md: requests answered from the history, or forwarded to the bench process.
 
-The metrics for Prometheus are computed when it asks.
-
-The page's questions to the history: in threads with deadlines, and the film in the (T, R) plane.
-
+Questions to the history are answered in threads with deadlines; the metrics are computed when Prometheus asks.
 A query over a month takes one processor for a moment; forty at once would hold up everybody. Here they wait in line,
 which costs nothing, and one that would wait for too long is refused. The memory of the film is the model's, driven by
 the temperatures in the history since the film was last saturated; each request brings it up to date. numba is imported

@@ -1,6 +1,5 @@
-"""Parts of every page's server, the bench's and the overview's: JSON replies, refusals, viewers, session, files.
-
-The web server of every page, uvicorn, with bounds on everything that callers can make it keep.
+"""Parts of every page's server, the bench's and the overview's: JSON replies, refusals, viewers, session, files;
+and the server itself, uvicorn, with bounds on everything that callers can make it keep.
 
 uvicorn waits for a request's first line for ever. Here a request has to be complete within some seconds. If there is no
 room for another connection, the one that has been waiting for longest without a request is dropped, so that half-open
