@@ -501,9 +501,10 @@ class CommandQueue:
             check_free(out)
         folder = out if out is not None else default_folder(kind or e.name, self.folder)
         job = Job(new_id(), name or kind or e.name, kind or e.kind, file, folder, self.label_s())
-        if not self.queue.add(job):
-            raise Faults(["queue: full; expected fewer waiting jobs"])
-        self.job_changed(job)
+        with self.lock:  # so that nobody hears of its beginning before
+            if not self.queue.add(job):
+                raise Faults(["queue: full; expected fewer waiting jobs"])
+            self.job_changed(job)
         self.wake.set()
         return job
 
