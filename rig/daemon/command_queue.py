@@ -269,7 +269,9 @@ class CommandQueue:
     # -- history -------------------------------------------------------------------------------------------------
 
     def _open_history(self) -> Store:
-        """Open the history. Raises sqlite3.Error or OSError."""
+        """Open the history, but no new one before the latch is on disk. Raises sqlite3.Error or OSError."""
+        if not self.had_history and (trouble := self.latch_store.trouble()) is not None:
+            raise OSError(trouble)
         try:
             self._take_folder()
         except PortHeld as error:

@@ -20,7 +20,7 @@ slot that cannot be read makes the whole latch unreadable, which counts as a tri
 | is missing        | is missing    | a new bench: nothing is latched  |
 | is missing        | is there      | tripped                          |
 
-It is created before the history, so that no kill leaves a history without it.
+It is on disk before a history is begun, so that no kill leaves a history without it.
 """
 
 from __future__ import annotations
