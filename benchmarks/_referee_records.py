@@ -66,6 +66,8 @@ SIZES: dict[str, dict[str, tuple[float, float]]] = {
     "meter_range_error": {"threshold_ohm": (1.0, 1.0), "error": (0.002, 0.05)},
 }
 SIGNED = ("ambient_drift.drift_K_per_h", "film_drift.drift_K_per_h", "timestamp_skew.skew_s", "meter_range_error.error")
+# drift over a whole record; a room or a film that goes further is repaired, not recorded
+MOST_DRIFT_K = {"ambient_drift": 8.0, "film_drift": 4.0}
 # physics says that these are alike in one record, so no record hides two of them
 ALIKE = {"film_lag", "meter_lag", "timestamp_skew"}
 FIELD = {
@@ -117,7 +119,7 @@ def hidden(seed: int) -> tuple[str, tuple[str, ...], str, str]:
     contents += [("outside", (), str(causes[k]), "") for k in range(COUNTS[3])]
     for k in range(COUNTS[4]):
         contents.append(("other_film", (str(names[COUNTS[1] + k]),) if k % 2 else (), "", str(films[k])))
-    return contents[rng.permutation(BLOCK)[place]]
+    return contents[int(rng.permutation(BLOCK)[place])]
 
 
 def draw_sizes(
@@ -138,6 +140,11 @@ def draw_sizes(
             size["loss_per_K3_s"] /= rig.capacity
         elif name == "creep":
             size["tau_s"] = log_uniform(rng, 50, min(2000.0, max(duration / 3, 60.0)))
+        elif name in MOST_DRIFT_K:
+            # a rate that would carry a long record further is met in short ones only
+            low, high = SIZES[name]["drift_K_per_h"]
+            rate = log_uniform(rng, low, max(min(high, 3600 * MOST_DRIFT_K[name] / duration), 1.2 * low))
+            size["drift_K_per_h"] = math.copysign(rate, size["drift_K_per_h"])
         elif name == "thermometer_quantization":
             size["step_K"] = round(log_uniform(rng, max(0.05, 2 * noise_K), 0.5), 4)
         elif name == "meter_range_error":
@@ -219,7 +226,7 @@ def base_columns(scene: Scene, film: Film, base: Rig, currents: Array) -> tuple[
     ends = (e[2] + e[3], e[2] - e[3]) if film.kind == LIMITING_LOOP else (e[2], e[4])
     plays = np.array([0.0, e[1], ends[0], e[1], ends[1], *e[5:]])
     none = np.zeros(1, np.int64)
-    operator = Film(PI_FILM, np.zeros(1), none * 0.0, np.ones(1), none, plays, np.array([2.0, 0, 0, 0]), 0, 1.0, 0.0)
+    operator = Film(PI_FILM, np.zeros(1), np.zeros(1), np.ones(1), none, plays, np.array([2.0, 0, 0, 0]), 0, 1.0, 0.0)
     for radius in np.linspace(0.02, 0.85, 14):
         one = operator._replace(first=np.array([radius]))
         low = max(sigmoid(plays[1] * (path[0] - ends[0]), 0) - radius, -1 + radius)
