@@ -89,7 +89,7 @@ OUTSIDE: dict[str, tuple[float, float]] = {
     "lost_commands": (0.01, 0.04),  # share of commands that never arrive; the current before goes on
     "draught": (0.1, 0.5),  # a fan or a door: conductance larger in some stretches, fraction
     "room_cycle": (0.5, 3.0),  # air conditioning: room goes up and down, K
-    "drying_water": (0.5, 3.0),  # water evaporates from the plate until it is gone, W at 25 degC
+    "drying_water": (0.05, 0.5),  # water evaporates from the plate until it is gone, W at 25 degC
     "sun_patch": (0.3, 2.0),  # sunlight passes over the plate, W
     "thermometer_pickup": (0.03, 0.4),  # the thermometer reads a part of the current, K/A
     "loosened_thermometer": (0.01, 0.08),  # it comes loose midway and reads towards the room, share
