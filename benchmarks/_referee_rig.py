@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
-compiled: Callable[[F], F] = njit(cache=True)
+compiled = cast(Callable[[F], F], njit(cache=True))
 
 STEP_S = 0.05
 ZERO_K = 273.15
@@ -157,7 +157,7 @@ def film_step(v: float, film: Film, memory: Array, at: Array) -> float:
         at[0], at[1] = v, metal
     if film.mixing == 0:
         return film.decades * metal
-    ratio = 10**film.decades
+    ratio = math.pow(10.0, film.decades)
     if film.mixing == 1:
         b = ratio * (2 * metal - 1) + (1 - 2 * metal)
         return math.log10((b + math.sqrt(b * b + 4 * ratio)) / 2)

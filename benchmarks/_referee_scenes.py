@@ -253,7 +253,7 @@ def draw_scene(
     n = rows * log.every
     period = log.period / log.every
     steps = period * (1 + log.jitter * rng.normal(0, 1, n).clip(-3, 3)) * np.where(rng.random(n) < 0.004, 1.25, 1)
-    ticks = np.round(np.cumsum(steps), log.time_digits)
+    ticks: Array = np.round(np.cumsum(steps), log.time_digits).astype(np.float64)
     begin = rng.choice(["rest", "warm", "inside"], p=[0.45, 0.25, 0.3])
     centre, width = film.envelope[5:7]
     first = rig.room if begin == "rest" else rng.uniform(30, 60)
