@@ -156,7 +156,7 @@ def film_step(v: float, film: Film, memory: Array, at: Array) -> float:
         metal = 0.5 - 0.5 * math.tanh(beta * (memory[0] * half + centre - v - near))
         at[0], at[1] = v, metal
     if film.mixing == 0:
-        return film.decades * metal
+        return float(film.decades * metal)
     ratio = math.pow(10.0, film.decades)
     if film.mixing == 1:
         b = ratio * (2 * metal - 1) + (1 - 2 * metal)
