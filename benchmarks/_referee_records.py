@@ -182,7 +182,9 @@ def with_effects(rig: Rig, effects: Effects) -> Rig:
 def noises(log: Log, rig: Rig) -> dict[str, float]:
     """Return the noise of each channel, with what rounding adds (a step's standard deviation is step / sqrt 12)."""
     steps = log.step_K**2 + rig.sensor_step**2
-    return {"temperature_K": math.sqrt(log.noise_K**2 + steps / 12), "resistance_dec": log.noise_dec}
+    # half of the readings have the noise times its ratio
+    uneven = math.sqrt((1 + log.noise_ratio**2) / 2)
+    return {"temperature_K": math.sqrt(log.noise_K**2 + steps / 12), "resistance_dec": log.noise_dec * uneven}
 
 
 def trace(scene: Scene, log: Log, film: Film, full: Rig, without: Rig, done: Run) -> tuple[Array, Array]:
@@ -271,6 +273,9 @@ def attempted(seed: int, attempt: int) -> tuple[Columns, Columns | None, dict[st
     rng = np.random.default_rng([seed, attempt])
     plain, film = draw_rig(rng), draw_film(rng, other_film)
     log = draw_log(rng, plain, film, "self_heating" in names)
+    if kind == "clean":
+        # a log without the currents between its rows is none of the base model's
+        log = log._replace(every=1)
     rows = int(log_uniform(rng, 1000, 8000))
     cause = (cause_name, log_uniform(rng, *OUTSIDE[cause_name]) if cause_name else 0.0)
     effects = draw_sizes(rng, names, plain, film, rows * log.period, log.noise_K)

@@ -121,24 +121,28 @@ def film_step(v: float, film: Film, memory: Array, at: Array) -> float:
         at[0] = v
         return total
     if film.kind == 1:
-        # at[1]: metallic share, at[2], at[3]: relays whose upper, lower threshold is below the temperature
-        v += film.coupling * (at[1] - 0.5)
-        while at[2] < memory.size and film.first[int(at[2])] <= v:
-            j = int(at[2])
-            if memory[j] == 0:
-                memory[j] = 1
-                at[1] += film.weights[j]
-            at[2] += 1
-        while at[2] > 0 and film.first[int(at[2]) - 1] > v:
-            at[2] -= 1
-        while at[3] < memory.size and film.second[film.by_second[int(at[3])]] < v:
-            at[3] += 1
-        while at[3] > 0 and film.second[film.by_second[int(at[3]) - 1]] >= v:
-            at[3] -= 1
-            j = film.by_second[int(at[3])]
-            if memory[j] == 1:
-                memory[j] = 0
-                at[1] -= film.weights[j]
+        # at[1]: metallic share, at[2], at[3]: relays whose upper, lower threshold is below the temperature.
+        # An avalanche of coupled grains ends within the step: its duration would else be that of the steps
+        plate, before = v, math.nan
+        while at[1] != before:
+            before = at[1]
+            v = plate + film.coupling * (at[1] - 0.5)
+            while at[2] < memory.size and film.first[int(at[2])] <= v:
+                j = int(at[2])
+                if memory[j] == 0:
+                    memory[j] = 1
+                    at[1] += film.weights[j]
+                at[2] += 1
+            while at[2] > 0 and film.first[int(at[2]) - 1] > v:
+                at[2] -= 1
+            while at[3] < memory.size and film.second[film.by_second[int(at[3])]] < v:
+                at[3] += 1
+            while at[3] > 0 and film.second[film.by_second[int(at[3]) - 1]] >= v:
+                at[3] -= 1
+                j = film.by_second[int(at[3])]
+                if memory[j] == 1:
+                    memory[j] = 0
+                    at[1] -= film.weights[j]
         metal = min(max(at[1], 0.0), 1.0)
     else:
         # limiting-loop proximity, L. A. L. de Almeida et al., Opt. Eng. 41 (2002) 2582; memory: direction, turning
@@ -173,7 +177,9 @@ def rates(x: Array, current: float, rig: Rig, room: float, conductance: float, h
     joule = 0.5 * rig.resistance * (1 + rig.resistance_slope * (plate - 25)) * current * current
     far = x[1] if rig.sink_capacity > 0 else room
     flow = conductance * (plate - far)
-    wet = rig.evaporation * math.exp(0.06 * (plate - 25)) * x[5] / (abs(x[5]) + 5.0)
+    # Magnus: the saturation pressure of water, as a multiple of that at 25 degC
+    vapour = math.exp(17.62 * plate / (243.12 + plate) - 17.62 * 25 / (243.12 + 25))
+    wet = rig.evaporation * vapour * x[5] / (abs(x[5]) + 5.0)
     loss = flow + rig.radiation * (kelvin**4 - (room + ZERO_K) ** 4) + rig.holder_coupling * (plate - x[4]) + wet
     out[0] = (seebeck * current * kelvin + joule - loss + heat) / rig.capacity
     out[1] = 0.0
@@ -184,6 +190,26 @@ def rates(x: Array, current: float, rig: Rig, room: float, conductance: float, h
     out[3] = (plate - x[3]) / rig.film_tau if rig.film_tau > 0 else out[0]
     out[4] = rig.holder_coupling * (plate - x[4]) / rig.holder_capacity
     out[5] = -wet
+
+
+@compiled
+def film_at(
+    warm: float, now: float, y: float, creeping: float, heating: float, rounds: int,
+    rig: Rig, film: Film, memory: Array, at: Array,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Return film temperature, hysteretic part and y of a film whose substrate is at a temperature.
+
+    heating: theta I^2 in K/ohm. R falls as T rises: steps no longer than Newton's at the steepest slope approach
+    without overshoot.
+    """
+    steep = film.decades / film.envelope[6] * 1.5 + 0.03
+    hysteretic = 0.0
+    for _ in range(rounds if heating > 0 else 1):
+        warmer = heating * 10.0**-y
+        now = warm if heating == 0 else now + (warm + warmer - now) / (1 + 2.3026 * steep * warmer)
+        hysteretic = film_step(now, film, memory, at)
+        y = memoryless_part(now, film.memoryless) + hysteretic + rig.creep_share * (creeping - hysteretic)
+    return now, hysteretic, y
 
 
 @compiled
@@ -201,7 +227,7 @@ def simulate(
     n = ticks.size
     reading, current, tested = np.zeros(n), np.zeros(n), np.zeros(n)
     plates, films = np.zeros(n), np.zeros(n)
-    room_for = int((ticks[-1] - ticks[0] + 10) / STEP_S) + 6 * n
+    room_for = int((ticks[-1] - ticks[0] + 14) / STEP_S) + 6 * n
     fine_s, fine_y = np.zeros(room_for), np.zeros(room_for)
     x, trial, total, d = start.copy(), start.copy(), start.copy(), start.copy()
     integral, base, applied, driven = 0.0, 0.0, 0.0, -1
@@ -228,6 +254,14 @@ def simulate(
             test = meter[k] * min(max(10.0**-meter_exponent, 1e-7), 1e-3) if meter[-2] == 0 else meter[k] * meter[-2]
         if k == 0:
             tested[0] = test
+            if with_film:
+                # the test current has heated the film before the first row
+                warm = x[3] + outside[0, 5]
+                now, hysteretic, y = film_at(warm, now, y, creeping, rig.theta * test * test, 80, rig, film, memory, at)
+                y += rig.creep_share * (hysteretic - creeping)
+                creeping, films[0] = hysteretic, now
+            fine_s[0], fine_y[0] = t, y
+            count = 1
         if replay.size > 0:
             current[k] = replay[k]
         else:
@@ -240,7 +274,7 @@ def simulate(
             wanted = min(max(base + plan[k, 3], -rig.current_limit), rig.current_limit)
             current[k] = round(round(wanted / gains[2]) * gains[2], 6)
         arrived[k] = arrived[k - 1] if outside[k, 3] > 0 and k > 0 else current[k]
-        end = ticks[k + 1] if k + 1 < n else ticks[k] + 6.0
+        end = ticks[k + 1] if k + 1 < n else ticks[k] + 9.0
         while t < end - 1e-9:
             while driven < k and ticks[driven + 1] + rig.delay <= t + 1e-9:
                 driven += 1
@@ -267,19 +301,15 @@ def simulate(
             if rig.film_tau == 0:
                 x[3] = x[0]
             if with_film:
+                hysteretic_before = hysteretic
                 warm = x[3] + rig.film_drift * (t - ticks[0]) + outside[k, 5]
-                # R falls as T rises: steps no longer than Newton's at the steepest slope approach without overshoot
-                for _ in range(8 if rig.theta > 0 else 1):
-                    if rig.theta > 0:
-                        power = test * test * 10.0**-y
-                        steep = film.decades / film.envelope[6] * 1.5 + 0.03
-                        now += (warm + rig.theta * power - now) / (1 + rig.theta * power * 2.3026 * steep)
-                    else:
-                        now = warm
-                    hysteretic = film_step(now, film, memory, at)
-                    y = memoryless_part(now, film.memoryless) + hysteretic
-                    y += rig.creep_share * (creeping - hysteretic)
-                creeping += (hysteretic - creeping) * (1 - math.exp(-h / rig.creep_tau))
+                now, hysteretic, y = film_at(warm, now, y, creeping, rig.theta * test * test, 8, rig, film, memory, at)
+                # the lag's exact answer to a line; Euler's step would show in a film that switches fast
+                slope = (hysteretic - hysteretic_before) / h
+                slow = hysteretic_before - creeping - slope * rig.creep_tau
+                followed = hysteretic - slope * rig.creep_tau - slow * math.exp(-h / rig.creep_tau)
+                y += rig.creep_share * (followed - creeping)
+                creeping = followed
             fine_s[count], fine_y[count] = t, y
             count += 1
     return reading, current, tested, plates, films, fine_s[:count], fine_y[:count]

@@ -162,6 +162,9 @@ def draw_log(rng: np.random.Generator, rig: Rig, film: Film, heated: bool) -> Lo
     mode = rng.choice(["ranges", "fixed", "switched"], p=[0.6, 0.0, 0.4] if heated else [0.45, 0.3, 0.25])
     # at most 0.1 mW in the cold film
     fixed = 0.0 if mode == "ranges" else 10.0 ** min(math.floor((-4 - cold) / 2), -3)
+    repeats = int(rng.integers(2, 4)) if rng.random() < 0.05 else 1
+    # a repeated reading, or one with a test current that heats, belongs to its row's time
+    offset = 0.0 if heated or repeats > 1 or rng.random() > 0.1 else round(rng.uniform(0.1, 0.4) * period, 2)
     return Log(
         period=period,
         jitter=log_uniform(rng, 0.001, 0.03),
@@ -175,8 +178,8 @@ def draw_log(rng: np.random.Generator, rig: Rig, film: Film, heated: bool) -> Lo
         top_ohm=10 ** (cold - 0.2) if rng.random() < 0.06 else math.inf,
         fixed_A=fixed,
         switched=mode == "switched",
-        repeats=int(rng.integers(2, 4)) if rng.random() < 0.05 else 1,
-        offset_s=round(rng.uniform(0.1, 0.4) * period, 2) if rng.random() < 0.1 else 0.0,
+        repeats=repeats,
+        offset_s=offset,
         tested=heated or rng.random() < 0.7,
     )
 
