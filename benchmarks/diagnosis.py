@@ -27,7 +27,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from rig.batch.engine import Case, EngineChoice, each_ended, opened  # noqa: E402  # noqa: E402
+from rig.batch import Case, EngineChoice, each_ended, opened  # noqa: E402  # noqa: E402
 from rig.command.batch import add_engine_arguments, engine_choice  # noqa: E402
 from tests.sim.diagnosis.score import Row, confusion, coverage, wilson  # noqa: E402
 

@@ -26,7 +26,7 @@ sys.path.insert(0, str(ROOT))
 
 import numpy as np  # noqa: E402
 
-from rig.batch.engine import (  # noqa: E402
+from rig.batch import (  # noqa: E402
     Case,
     each_ended,
     opened,

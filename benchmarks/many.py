@@ -240,7 +240,7 @@ def _bare_s(seeds: list[int], cores: int) -> float:
 
 def speed(count: int, engines: list[str]) -> bool:
     """Engines over the bare work."""
-    from rig.batch.engine import Case, EngineChoice, each_ended, opened
+    from rig.batch import Case, EngineChoice, each_ended, opened
 
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     os.environ["PYTHONPATH"] = str(ROOT)

@@ -19,9 +19,8 @@ if TYPE_CHECKING:
     from rig.config.model_file import Model
     from rig.core.faults import Faults
     from rig.experiment.simulation import simulated_rig
-    from rig.notebook.analysis import identify, invert, predict
+    from rig.notebook.analysis import diagnose, identify, invert, predict
     from rig.notebook.bench import calibrate, open_bench, run, simulate
-    from rig.notebook.diagnosis import diagnose
     from rig.notebook.files import read_model, read_record, write_model
     from rig.records.record import Record
     from rig.version import __version__

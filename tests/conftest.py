@@ -93,4 +93,4 @@ class _Here(Executor):
 def computed_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Many cases computed in this process: each other one takes seconds to begin. For tests of what becomes of the
     results; tests/rig/batch are of the processes."""
-    monkeypatch.setattr("rig.batch.engine.ProcessPoolExecutor", lambda *settings: _Here())
+    monkeypatch.setattr("rig.batch.ProcessPoolExecutor", lambda *settings: _Here())

@@ -14,7 +14,7 @@ from rig.core.outcome import Stopped
 from rig.records.record import Record, Refused
 
 if TYPE_CHECKING:
-    from rig.batch.engine import EngineChoice
+    from rig.batch import EngineChoice
     from rig.report.batch import RecordReport, Task
 
 
@@ -31,7 +31,7 @@ def add_engine_arguments(parser: argparse.ArgumentParser) -> None:
 
 def engine_choice(options: argparse.Namespace) -> EngineChoice:
     """Return the engine that was chosen. Raises Faults."""
-    from rig.batch.engine import EngineChoice
+    from rig.batch import EngineChoice
 
     return EngineChoice(options.engine, options.workers, options.address)
 

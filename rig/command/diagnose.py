@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.batch.journal import is_of_many
+from rig.batch import is_of_many
 from rig.command.batch import add_engine_arguments, report_each
 from rig.command.record_arguments import (
     add_effect_file_argument,
@@ -33,7 +33,7 @@ from rig.core.faults import Faults, fault
 from rig.records.record_file import Record
 
 if TYPE_CHECKING:
-    from rig.report.diagnosed_record import Options
+    from rig.report.diagnosis import Options
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -117,7 +117,7 @@ def main(options: argparse.Namespace) -> int:
     records = [] if several else read_records(options.records, options)
     holdout = read_records(options.holdout, options) if options.holdout else []
     from rig.analysis.diagnosed import Asked  # seconds: after what may be refused has been read
-    from rig.report.diagnosed_record import Options
+    from rig.report.diagnosis import Options
 
     own = tuple(path.absolute() for path in options.effect_file)
     asked = Options(
@@ -126,7 +126,7 @@ def main(options: argparse.Namespace) -> int:
         own,
     )
     if several:
-        from rig.report.diagnosed_record import diagnoses
+        from rig.report.diagnosis import diagnoses
 
         return report_each(each, diagnoses(asked, holdout), options, terminal)
     terminal.write_json(_single(records, asked, holdout, options, terminal))
@@ -153,7 +153,7 @@ def _single(
 ) -> dict[str, Any]:
     """One record, or several as one, with progress on stderr; its document. Raises Faults."""
     from rig.report.batch import MODEL
-    from rig.report.diagnosed_record import told
+    from rig.report.diagnosis import told
 
     record, *further = records
 

@@ -10,7 +10,7 @@ import argparse
 from dataclasses import fields
 from pathlib import Path
 
-from rig.batch.journal import is_of_many
+from rig.batch import is_of_many
 from rig.command.batch import add_engine_arguments, report_each
 from rig.command.record_arguments import (
     add_json_argument,

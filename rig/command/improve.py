@@ -87,7 +87,7 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, termin
     from rig.experiment.improvement import as_effects, news
     from rig.records.record_file import read_record
     from rig.report.batch import CANDIDATE, MODEL
-    from rig.report.diagnosed_record import Options, told
+    from rig.report.diagnosis import Options, told
     from rig.report.improvement import Improvement
 
     folder, own = out / "diagnosis", tuple(path.absolute() for path in options.effect_file)
@@ -165,7 +165,7 @@ def _compared(improvement: Improvement, found: Improvable, second: Path) -> Impr
     """Add the result of the second run."""
     from rig.analysis.error import target_error
     from rig.experiment.improvement import gain_of
-    from rig.records.recorded_run import recorded_run
+    from rig.records.run_folder import recorded_run
 
     after = target_error(recorded_run(second))
     gain = gain_of(improvement.first, after) if found.comparable else None

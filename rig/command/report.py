@@ -15,7 +15,7 @@ from rig.config.toml_file import shown
 from rig.core.faults import fault
 
 if TYPE_CHECKING:
-    from rig.records.recorded_run import RunRows
+    from rig.records.run_folder import RunRows
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +24,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.records.recorded_run import recorded_inside, recorded_run
+    from rig.records.run_folder import recorded_inside, recorded_run
 
     inside = recorded_inside(options.folder)
     if not inside:

@@ -47,7 +47,7 @@ def main(options: argparse.Namespace) -> int:
         terminal.print(one.in_words())
     if not series:
         terminal.print(f"no effect was named in {len(rows)} runs")
-    from rig.batch.journal import write_table
+    from rig.batch import write_table
 
     write_table(options.out / "effects.csv", [one.row() for one in series])
     linked = [{**row, "link": _link(options.folder / str(row["run"]) / "report.html", options.out)} for row in rows]

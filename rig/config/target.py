@@ -25,8 +25,8 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
 from rig.records.film_output import unit_of
+from rig.records.numbers import DRIVE_SHARES, UNITS, normalize_text, parse_unit
 from rig.records.record_file import read_record
-from rig.records.units import DRIVE_SHARES, UNITS, normalize_text, parse_unit
 
 COLUMNS = {"resistance": "target_ohm", "temperature": "setpoint_degC", "current": "current_A"}
 ENDINGS = {"resistance": "ohm", "temperature": "degC", "current": "A"}

@@ -25,7 +25,7 @@ from rig.experiment.extended_model import COMPENSATED
 from rig.experiment.feasibility import TRACKING, quantity_of, target_of
 from rig.records.film_output import FALLING_RESISTANCE
 from rig.records.record_file import Record
-from rig.records.recorded_run import LAW, RunRows, ended_early, recorded_run
+from rig.records.run_folder import LAW, RunRows, ended_early, recorded_run
 from sim.effects.catalogue import catalogue
 from sim.inference.gain import gain
 

@@ -28,8 +28,7 @@ from rig.experiment.repetitions import USED, read_correction
 from rig.experiment.simulation import simulated_configuration, table_in
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.records.record_file import Record, read_record
-from rig.records.recorded_run import LAW, LAWS
-from rig.records.run_folder import software_versions
+from rig.records.run_folder import LAW, LAWS, software_versions
 from rig.safety.plate_watch import watchable_rate_K_per_s
 
 MADE_BY = ("peltier-rig", "sources", "python", "numpy", "numba")  # what a command's bits depend on

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.analysis.error import target_error
-from rig.batch.engine import Case, Engine, EngineChoice, compute_missing, given
-from rig.batch.journal import Journal
+from rig.batch import Case, Engine, EngineChoice, Journal, compute_missing, given
 from rig.config.configuration import ConfigurationFile, digest_named_files
 from rig.config.effect_tables import add_effect_files, parse_effect, switch_effects
 from rig.config.schema import validate
@@ -235,7 +234,7 @@ def of_record(what: SweepTask, record: Any) -> Values:
 
 
 def _made_of(what: SweepTask, record: Record) -> Values:
-    from rig.analysis.table_row import of_diagnosis, of_identification
+    from rig.analysis.trend import of_diagnosis, of_identification
 
     try:
         if what == "diagnosis":

@@ -1,30 +1,33 @@
-"""Identify, predict and invert in a notebook."""
+"""Identify, predict, invert and diagnose in a notebook."""
 
 from __future__ import annotations
 
 import warnings
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rig.analysis.diagnosed import Asked, diagnosed, model_of
 from rig.analysis.film_records import beyond_seen
 from rig.analysis.identification import FitOptions, Identified, identified
 from rig.analysis.inversion import Inversion, inverted
 from rig.analysis.prediction import ChannelError, Prediction, compared, require_something_to_predict
 from rig.analysis.transition import FilmNumbers
-from rig.config.effect_tables import add_effect_files
+from rig.config.effect_tables import add_effect_files, check_assumed_effects
 from rig.config.model_file import Model
 from rig.core.faults import fault
 from rig.core.python_words import in_python, python_words
 from rig.notebook.files import as_model, as_record, as_records
 from rig.records.film_output import FALLING_RESISTANCE
 from rig.records.record import Record
+from rig.report.diagnosis_words import lines, model_comment
+from sim.diagnosis.result import Diagnosis
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,7 +80,7 @@ class Identification(Shown):
     def plot(self) -> Figure:
         """Draw measured and modelled output over temperature, of the first record; without a film the predicted
         temperature over time."""
-        from rig.report.model_figures import drawn_loop
+        from rig.report.model_pages import drawn_loop
 
         if self.film is None:
             return predict(self.model, self.found.records[0], initial="fitted").plot()
@@ -163,7 +166,7 @@ class PredictedRecord(Shown):
 
     def plot(self) -> Figure:
         """Draw measured and predicted over time, a panel for each channel."""
-        from rig.report.model_figures import drawn_over_time
+        from rig.report.model_pages import drawn_over_time
 
         return drawn_over_time(self.record["time_s"], self.errors)
 
@@ -255,3 +258,80 @@ def invert(
     if note is not None:
         warnings.warn(note, stacklevel=3)
     return found
+
+
+Base = Literal["extended_generalized_pi", "generalized_pi"]
+Plate = Literal["peltier", "heater"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecordDiagnosis(Shown):
+    """A diagnosis. verdict: clean, explained, partly_unexplained, unexplained or too_short. effects: the parameters of
+    each effect that is named, by names that bear their units. model: the extended one, for `predict`. lines: what
+    `peltier diagnose` prints; document: its JSON. found: everything, `sim.diagnosis.result.Diagnosis`. drive: its unit,
+    where it is a share of full drive."""
+
+    verdict: str
+    effects: dict[str, dict[str, float]]
+    model: Model
+    lines: tuple[str, ...]
+    document: dict[str, Any] = field(repr=False)
+    found: Diagnosis = field(repr=False)
+    drive: str | None = field(default=None, repr=False)
+
+    def plot(self) -> Figure:
+        """The loop as base and extended model show it; without a film the error on held-out rows."""
+        from rig.report.diagnosis import drawn_gain, drawn_loop
+
+        return drawn_gain(self.found) if self.found.record.output is None else drawn_loop(self.found)
+
+    def write_report(self, folder: Path | str) -> Path:
+        """report.html with all figures, diagnosis.json and model.toml in a folder; its page. Raises OSError."""
+        from rig.config.model_file import write_model
+        from rig.report.diagnosis import write_diagnosis_report
+
+        place = Path(folder)
+        place.mkdir(parents=True, exist_ok=True)
+        write_model(place / "model.toml", self.model, model_comment(self.found))
+        write_diagnosis_report(place, self.found)
+        return place / "report.html"
+
+
+@in_python()
+def diagnose(
+    record: Any,
+    *further: Any,
+    holdout: Iterable[Any] = (),
+    base: Base | None = None,
+    output: str = FALLING_RESISTANCE,
+    plate: Plate | None = None,
+    assume: Mapping[str, Mapping[str, float]] | None = None,
+    budget_s: float | None = None,
+    false_alarm: float | None = None,
+    first_s: float | None = None,
+    effect_files: Iterable[Path | str] = (),
+    say: Callable[[str], None] = lambda text: None,
+) -> RecordDiagnosis:
+    """Fit the whole chain, from the current to the ohmmeter, and name what departs from it (docs/diagnosis.md).
+
+    record: a `Record`, or what `read_record` reads; further: more of the same rig, diagnosed with it as one. holdout:
+    other records of the rig, on which the gain is measured. base: the film's model. plate: its kind, None: what the
+    drive allows. assume: effects that are there, with the parameters that are known. budget_s: how long it may take.
+    false_alarm: the share of records without any effect that may be given a name, None: 1 %. first_s: seconds of a
+    held-out record to which its own room, first temperatures and memory are fitted, None: 30 s or 20 rows.
+    effect_files: effects of one's own. say: called with what is being done. Raises Faults.
+    """
+    add_effect_files(Path(path) for path in effect_files)
+    if budget_s is not None and not budget_s > 0.0:
+        raise fault("diagnose", f"budget_s {budget_s:g}", "expected a number of seconds > 0")
+    for name, value, choices in (("base", base, get_args(Base)), ("plate", plate, get_args(Plate))):
+        if value is not None and value not in choices:
+            raise fault("diagnose", f"{name} {value!r}", f"expected one of {', '.join(choices)}")
+    known = check_assumed_effects([{"name": name, **values} for name, values in (assume or {}).items()], "assume")
+    others = as_records(holdout)
+    one, *more = as_records((record, *further))
+    asked = Asked(base, output, plate, known, budget_s, false_alarm, first_s)
+    found, extended = diagnosed([one, *more], asked, others, say=say)
+    effects = {f.name: {name: value for name, (value, _) in f.parameters.items()} for f in found.findings}
+    told = tuple(lines(found)), found.document(), found, one.drive
+    return RecordDiagnosis(found.verdict, effects, model_of(extended), *told)

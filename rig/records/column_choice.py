@@ -23,10 +23,9 @@ from rig.records.column_names import (
     interpret_name,
     unit_ending,
 )
-from rig.records.numbers import Numbers, is_number
+from rig.records.numbers import DRIVE_SHARES, RECIPROCALS, UNITS, Numbers, is_number
 from rig.records.table import Table
 from rig.records.times import is_clock_time, is_date, is_time
-from rig.records.units import DRIVE_SHARES, RECIPROCALS, UNITS
 
 # Numbers between 2001 and 2128 are moments; no times of a run are as large.
 SINCE_1970 = {"s": (1e9, 5e9), "ms": (1e12, 5e12), "us": (1e15, 5e15), "ns": (1e18, 5e18)}

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 
 from rig.core.columns import OF_A_RECORD
 from rig.core.faults import fault
-from rig.records.times import LAYOUTS
-from rig.records.units import (
+from rig.records.numbers import (
     CONDUCTANCES,
     LOGARITHMS,
     OTHER_UNITS,
@@ -26,6 +25,7 @@ from rig.records.units import (
     parse_typed_unit,
     parse_unit,
 )
+from rig.records.times import LAYOUTS
 
 _QUANTITIES = {
     "time": "time zeit temps tiempo tempo elapsed timestamp datetime date datum uhrzeit clock heure t 時間 时间 時刻",
@@ -215,7 +215,7 @@ class ColumnMapping:
     """The source of one of our columns: --column OURS=THEIRS[|OTHER...][@UNIT].
 
     theirs: the file's name for it; '#3' is its third column; of several with '|' the first that the file has.
-    unit: as in `rig.records.units.UNITS`. unit_typed: the user typed it. layout: of dates, such as 'dmy'.
+    unit: as in `rig.records.numbers.UNITS`. unit_typed: the user typed it. layout: of dates, such as 'dmy'.
     """
 
     ours: str

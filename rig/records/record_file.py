@@ -1,19 +1,30 @@
 """Records in files: read as labs write them, written as CSV with one header line and units in the names.
 
-    read_record         text in any usual encoding and separator, compressed or not, .xlsx, .mat -> Record
-    write_columns       columns -> CSV
-
 A record of ours has the names of `rig.core.columns.OF_A_RECORD`, in any order; more columns are kept. Names and units
 of another record are taken if they are clear; otherwise the fault says which --column to type (docs/records.md).
+
+A file's first bytes decide what it is, not its name. In the encodings before UTF-8 numbers are the same bytes and only
+names and units differ; the encoding is the one that gives Western letters, signs of units, or Asian names.
+
+The record of a run of ours is read a part of the file at a time: a week at 10 Hz is 1.2 GB of text, and would be ten
+times that as fields. A file that a run would not write is left to the reader of text, which says what is wrong with it.
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
+import io
+import json
 import math
+import re
+import tomllib
+import zlib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -22,14 +33,225 @@ from rig.core.faults import Faults, fault
 from rig.core.file_writing import writing
 from rig.records.branches import RowOrder
 from rig.records.column_names import ColumnMapping
-from rig.records.conversion import record_from_table
-from rig.records.file_text import describe_file, read_text_of
-from rig.records.lvm_table import is_lvm, lvm_table
+from rig.records.conversion import ABSOLUTE_ZERO_DEGC, HOT_DEGC, MOST_A, MOST_OHM, record_from_table
+from rig.records.file_formats import is_lvm, lvm_table
+from rig.records.numbers import UNITS
 from rig.records.record import Record, unit_of
-from rig.records.run_table import read_run_table
-from rig.records.table import Table
+from rig.records.table import Column, Table
 from rig.records.text_table import text_table
-from rig.records.units import UNITS
+
+COMPRESSED = ((b"\x1f\x8b", "gzip"), (b"BZh", "bz2"), (b"\xfd7zXZ\x00", "lzma"))
+MOST_BYTES = 1_000_000_000  # unpacked: a record of ten million rows
+BYTE_ORDER_MARKS = (  # UTF-32's begins as UTF-16's does
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+WESTERN = frozenset("°µ²³±·×ºäöüÄÖÜßéèêëàâçîïôûùÉÈÀÇñóíáúÑåøæÅØÆãõ–—…’“”«»§\u00a0")
+ASIAN_WORDS = {
+    "cp932": ("時間", "時刻", "日時", "温度", "抵抗", "電流", "℃"),
+    "gb18030": ("时间", "日期", "温度", "电阻", "电流", "℃"),
+}
+PROBED_BYTES = 200_000  # names and units are at the beginning
+FILE_KINDS = (
+    (b"\x89PNG\r\n", "a picture (PNG)"),
+    (b"\xff\xd8\xff", "a picture (JPEG)"),
+    (b"GIF8", "a picture (GIF)"),
+    (b"%PDF-", "a document (PDF)"),
+    (b"\x89HDF\r\n", "an HDF5 file; export its table as CSV"),
+    (b"CDF\x01", "a NetCDF file; export its table as CSV"),
+    (b"CDF\x02", "a NetCDF file; export its table as CSV"),
+    (b"MATLAB 5.0 MAT-file", "a MATLAB file; its name has to end in .mat"),
+    (b"PK\x03\x04", "an archive (ZIP); if it is a workbook, its name has to end in .xlsx"),
+    (b"\xd0\xcf\x11\xe0", "a workbook or document of old (.xls, .doc), or one with a password; save it as CSV"),
+)
+MOST_TEXT_BYTES = 1_000_000  # of a configuration, a program or a letter
+TOML_KINDS = {"a configuration (TOML)": {"bench", "experiment"}, "a model file (TOML)": {"film", "plate"}}
+
+
+def read_text_of(data: bytes, path: Path) -> tuple[str, list[str]]:
+    """Return the text in a file's bytes, and notes: what it was compressed with, and its encoding if that is not UTF.
+    Raises Faults."""
+    packed_by = next((name for mark, name in COMPRESSED if data.startswith(mark)), "")
+    notes = [f"unpacked ({packed_by})"] if packed_by else []
+    text, encoding = _decode(_unpack(data, packed_by, path) if packed_by else data, path)
+    return text, [*notes, f"text in {encoding}"] if encoding else notes
+
+
+def _unpack(data: bytes, packed_by: str, path: Path) -> bytes:
+    try:
+        module = import_module(packed_by)
+    except ImportError:  # a Python that was built without bz2 or lzma
+        raise fault(path, "", f"compressed ({packed_by}), which this Python cannot unpack; unpack it first") from None
+    try:
+        with module.open(io.BytesIO(data)) as file:
+            content: bytes = file.read(MOST_BYTES + 1)
+    except EOFError:
+        raise fault(path, "", f"compressed ({packed_by}), and cut off; expected the whole file") from None
+    except (OSError, zlib.error, getattr(module, "LZMAError", OSError)) as error:
+        raise fault(path, "", f"compressed ({packed_by}), and damaged: {error}") from None
+    if len(content) > MOST_BYTES:
+        raise fault(path, "", f"unpacks to more than {MOST_BYTES / 1e9:g} GB; expected a record")
+    return content
+
+
+def _decode(data: bytes, path: Path) -> tuple[str, str]:
+    """Return the text, and the name of its encoding if that is not UTF."""
+    encoding = next((name for mark, name in BYTE_ORDER_MARKS if data.startswith(mark)), "") or _unmarked_utf16(data)
+    if encoding:
+        try:
+            text = data.decode(encoding)
+        except UnicodeDecodeError as error:
+            raise fault(path, f"byte {error.start}", f"expected {encoding.upper()}, as its first bytes say") from None
+        if "\0" in text:
+            raise fault(path, f"line {text.count(chr(10), 0, text.index(chr(0))) + 1}", "a NUL; expected text")
+        return text, ""
+    if b"\0" in data:
+        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        raise fault(path, f"line {line}", "a NUL byte; expected text (was the file cut off while it was written?)")
+    try:
+        return data.decode("utf-8"), ""
+    except UnicodeDecodeError as error:
+        return _decode_code_page(data, path, error.start)
+
+
+def _unmarked_utf16(data: bytes) -> str:
+    """Return the kind of UTF-16 if every second byte of the beginning is 0, as of digits and separators; else ''."""
+    head = data[:1000]
+    if len(head) < 8:
+        return ""
+    even, odd = 2 * head[0::2].count(0) / len(head), 2 * head[1::2].count(0) / len(head)
+    if odd > 0.8 and even < 0.1:
+        return "utf-16-le"
+    return "utf-16-be" if even > 0.8 and odd < 0.1 else ""
+
+
+def _decode_code_page(data: bytes, path: Path, beyond: int) -> tuple[str, str]:
+    """Return text of an encoding before UTF-8, and its name; beyond: the first byte that is not UTF-8."""
+    head = data[: max(PROBED_BYTES, beyond + 1000)]
+    control = sum(head.count(bytes([byte])) for byte in range(32) if byte not in (9, 10, 11, 12, 13, 26))
+    if control > 0.01 * len(head) + 2:
+        raise fault(path, f"byte {beyond}", "no text; expected a table in UTF-8, UTF-16 or a code page, .xlsx or .mat")
+    for encoding, words in ASIAN_WORDS.items():
+        text = head.decode(encoding, errors="replace")
+        if any(word in text for word in words):
+            return data.decode(encoding, errors="replace"), encoding
+    strange = {c for c in head.decode("cp1252", errors="replace") if not c.isascii()} - WESTERN
+    strange_mac = {c for c in head.decode("mac_roman") if not c.isascii()} - WESTERN - {"Ω", "µ"}
+    if strange and not strange_mac:
+        return data.decode("mac_roman"), "Mac Roman"
+    return data.decode("cp1252", errors="replace"), "cp1252"
+
+
+def describe_file(path: Path) -> str:
+    """Return what a file is that could not be read as a record, as in 'a picture (PNG)'; '' if that is not known."""
+    try:
+        if not path.is_file():  # a pipe may have no end
+            return ""
+        with path.open("rb") as file:
+            data = file.read(MOST_TEXT_BYTES + 1)
+    except OSError:
+        return ""
+    for mark, kind in FILE_KINDS:
+        if data.startswith(mark):
+            return kind
+    if len(data) > MOST_TEXT_BYTES or b"\0" in data:
+        return ""
+    text = data.decode("utf-8", errors="replace").lstrip("\ufeff").replace("\r\n", "\n")
+    if re.match(r"\s*<(\?xml|!doctype|html|svg)", text, re.IGNORECASE):
+        return "an HTML or XML page"
+    with suppress(ValueError, RecursionError):
+        if isinstance(json.loads(text), (dict, list)):
+            return "a JSON file"
+    with suppress(ValueError, RecursionError):
+        tables = tomllib.loads(text)
+        named = [kind for kind, keys in TOML_KINDS.items() if keys & tables.keys()]
+        return next(iter(named), "a TOML file" if tables else "")
+    return ""
+
+
+PART = 1 << 20  # bytes that are read at once; ten times as many are slower, by Python's garbage collector
+SIGNATURE = {"time_s", "tick", "phase"}  # columns of every run, and together of no other file
+WORDS = "phase"  # the only column of words, and the last
+BOUNDS = {
+    "temperature_degC": (ABSOLUTE_ZERO_DEGC, HOT_DEGC),
+    "current_A": (-MOST_A, MOST_A),
+    "resistance_ohm": (0.0, MOST_OHM),
+}
+
+
+def read_run_columns(path: Path) -> dict[str, Any] | None:
+    """Return numbers and words by column; None if the file is not clearly a run's. Raises OSError."""
+    return _read(path)[0]
+
+
+def read_run_table(path: Path) -> Table | None:
+    """Return the file's table; None if it is not clearly a run's, or a pipe. Raises OSError."""
+    if not path.is_file():  # a pipe would lose its first lines
+        return None
+    columns, cut_off = _read(path)
+    if columns is None:
+        return None
+    words, index = np.unique(columns.pop(WORDS), return_inverse=True)
+    phases = list(map(words.tolist().__getitem__, index.tolist()))  # one text a phase, not one a row
+    table = [*(Column(name, values) for name, values in columns.items()), Column(WORDS, phases)]
+    notes = [f"line {2 + len(phases)} left out, it was cut off"] if cut_off else []
+    return Table(str(path), "line 1", table, range(2, 2 + len(phases)), notes=notes)
+
+
+def _read(path: Path) -> tuple[dict[str, Any] | None, bool]:
+    """Return the columns, and True if the last line was cut off and left out."""
+    with path.open("rb") as file:
+        names = file.readline().decode("utf-8", "replace").rstrip("\n").split(",")
+        if not set(names) >= SIGNATURE or len(set(names)) != len(names) or names[-1] != WORDS:
+            return None, False
+        parts, rest = [], b""
+        while data := file.read(PART):
+            whole, found, rest = (rest + data).rpartition(b"\n")
+            if found:
+                parts.append(_parse(whole, names))
+                if parts[-1] is None:
+                    return None, False
+    whole_row = rest.count(b",") == len(names) - 1  # a last row without a line's end; with fewer fields it was cut off
+    if whole_row:
+        parts.append(_parse(rest, names))
+    if not parts or parts[-1] is None:
+        return None, False
+    columns = {name: np.concatenate([part.pop(name) for part in parts if part is not None]) for name in names}
+    return (columns if _is_plausible(columns) else None), bool(rest) and not whole_row
+
+
+def _parse(text: bytes, names: list[str]) -> dict[str, Any] | None:
+    """Return the columns of whole lines; None if a row has other fields, or one that is no plain number."""
+    numbers = names[:-1]
+    try:
+        lines = text.decode("ascii").split("\n")
+        if text.count(b",") != len(lines) * len(numbers) or b'"' in text:
+            return None
+        filled = text.replace(b",,", b",nan,").replace(b",,", b",nan,").decode("ascii").split("\n")
+        values = np.loadtxt(filled, delimiter=",", comments=None, usecols=range(len(numbers)), ndmin=2)
+    except ValueError:  # a UnicodeDecodeError too
+        return None
+    if len(values) != len(lines):  # one was empty
+        return None
+    columns: dict[str, Any] = {name: values[:, k].copy() for k, name in enumerate(numbers)}
+    return {**columns, WORDS: np.array([line[line.rindex(",") + 1 :] for line in lines])}
+
+
+def _is_plausible(columns: dict[str, Any]) -> bool:
+    """Return True if the reader of text would refuse nothing, and read nothing in another way."""
+    time = columns["time_s"]
+    if time.size < 2 or not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0.0):
+        return False
+    for name, (low, high) in BOUNDS.items():
+        values = columns.get(name, np.empty(0))
+        within = np.isnan(values) | ((values > low) & (values < high))
+        if not np.all(within | np.isinf(values) if name == "resistance_ohm" else within):
+            return False
+    return True
+
 
 __all__ = ["UNITS", "ColumnMapping", "Record", "RowOrder", "print_columns", "read_record", "unit_of", "write_columns"]
 
@@ -91,11 +313,11 @@ def _read_table(path: Path, decimal: str) -> Table:
         if path.is_char_device() or path.is_socket() or (path.is_fifo() and not fed):
             raise fault(path, "", "is a device or a pipe; expected a file")
         if _is_workbook(path):
-            from rig.records.workbook_table import workbook_table
+            from rig.records.file_formats import workbook_table
 
             return workbook_table(path, decimal)
         if ending == MATLAB:
-            from rig.records.matlab_table import matlab_table
+            from rig.records.file_formats import matlab_table
 
             return matlab_table(path)
         if not decimal and (table := read_run_table(path)) is not None:

@@ -22,10 +22,9 @@ from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
 from rig.records.branches import branch_in_name, has_repeated_names
 from rig.records.column_names import interpret_name
-from rig.records.numbers import DecimalSign, find_decimal_sign, is_blank, is_number
+from rig.records.numbers import DecimalSign, find_decimal_sign, is_blank, is_number, parse_unit
 from rig.records.table import Column, Table
 from rig.records.times import is_time
-from rig.records.units import parse_unit
 
 SAMPLED_LINES = 1000  # at the beginning, from which the layout is learned
 SAMPLED_CHARACTERS = 1_000_000  # the sample is split with every separator

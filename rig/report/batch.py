@@ -24,13 +24,25 @@ from matplotlib.dates import date2num
 from matplotlib.figure import Figure
 
 from rig.analysis.trend import Series
-from rig.batch.engine import Case, Ended, Engine, EngineChoice, compute
-from rig.batch.journal import LOST, Journal, cases_in, files_of
+from rig.batch import LOST, Case, Ended, Engine, EngineChoice, Journal, cases_in, compute, files_of
 from rig.core.faults import fault
 from rig.core.file_writing import naming_file
 from rig.records.record import Record, Refused, content_digest, unit_of
-from rig.report.figures import COLOURS, both_widths, draw_line, new_figure, svg_text, write_svg
-from rig.report.page import Html, figure, link, paragraph, section, table, write_page
+from rig.report.figures import (
+    COLOURS,
+    Html,
+    both_widths,
+    draw_line,
+    figure,
+    link,
+    new_figure,
+    paragraph,
+    section,
+    svg_text,
+    table,
+    write_page,
+    write_svg,
+)
 from rig.version import __version__
 
 Row = dict[str, Any]

@@ -1,14 +1,32 @@
-"""The report page of a diagnosis: verdict, effects, errors, residuals, warnings, upper limits."""
+"""The report of a diagnosis: page and figures, and one record diagnosed with all files of its report, as values."""
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from compensator.hysteresis.functions import Array
+from rig.analysis.diagnosed import Asked, diagnosed, model_of
+from rig.analysis.error import residual, residual_label
+from rig.analysis.film_records import earlier_film_records, fitted_to
+from rig.analysis.trend import of_diagnosis
+from rig.batch import given
+from rig.config.effect_tables import add_effect_files, parse_assumed_effects
+from rig.config.model_file import Model, write_model
+from rig.core.faults import Faults
 from rig.core.file_writing import write_text
+from rig.records.record_file import Record
 from rig.records.run_folder import plain_json
-from rig.report.batch import CANDIDATE
-from rig.report.diagnosis_figures import course_figure, gain_figure, loop_figure, residual_figures, scaled
+from rig.report.batch import CANDIDATE, MODEL, RecordReport, Task, files_in
 from rig.report.diagnosis_words import (
     NOT_FIXED,
     assumed_lines,
@@ -19,6 +37,8 @@ from rig.report.diagnosis_words import (
     judged_channels,
     left_over,
     limit_rows,
+    lines,
+    model_comment,
     not_named,
     number,
     parameters,
@@ -27,12 +47,254 @@ from rig.report.diagnosis_words import (
     sentence,
     split_unit,
     together,
+    unit_lines,
     warning_line,
 )
-from rig.report.page import bullets, paragraph, section, table, tiles, write_page
+from rig.report.diagnosis_words import together as records_of
+from rig.report.figures import (
+    COLOURS,
+    EDGE,
+    GREEN,
+    bullets,
+    draw_line,
+    figure,
+    grid,
+    legend_above,
+    log_scale,
+    new_figure,
+    paragraph,
+    saved,
+    section,
+    table,
+    tiles,
+    write_page,
+)
+from sim.diagnosis.extended_model import ExtendedModel, extended_model
+from sim.diagnosis.result import with_model
 
 if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
+    from sim.inference.joint.likelihood import Fit
+    from sim.inference.record.record import Record as Rows
+
+
+BASE, EXTENDED, NOISE = EDGE, COLOURS["model"], GREEN
+MOST_DOTS = 4000  # more hide each other, and make the page slow
+MILLI = 0.3  # K: below it a figure is in mK
+
+
+def gain_figure(folder: Path, diagnosis: Diagnosis) -> str:
+    """Draw the errors of both models on held-out rows, and the noise, a panel for each channel."""
+    caption = "RMS error of a simulation over the whole record, counted on held-out rows, and the instrument's noise."
+    return figure(saved(drawn_gain(diagnosis), folder, "gain"), caption)
+
+
+def drawn_gain(diagnosis: Diagnosis) -> Figure:
+    """Return the same as a matplotlib figure."""
+    channels = judged_channels(diagnosis)
+    extends = _extends(diagnosis)
+    fig, axes = grid(1, len(channels), 1.7)
+    for axis, (what, unit, channel) in zip(axes[0], channels, strict=True):
+        scale, prefix = scaled(channel.rmse_base, unit)
+        bars = [("noise", channel.noise, NOISE), ("extended model", channel.rmse_extended, EXTENDED)]
+        bars = [*bars, ("base model", channel.rmse_base, BASE)] if extends else [bars[0], ("model", *bars[1][1:])]
+        values = [scale * value for _, value, _ in bars]
+        axis.barh([name for name, _, _ in bars], values, color=[colour for _, _, colour in bars], height=0.62)
+        for k, value in enumerate(values):
+            axis.annotate(f" {value:.3g}", (value, k), va="center", fontsize=9.5)
+        axis.set_xlim(0.0, 1.14 * max(values))
+        axis.set_title(f"{what}: error on held-out rows / {prefix}{unit}", fontsize=10, loc="left")
+        axis.grid(visible=False, axis="y")
+        axis.tick_params(axis="y", length=0)
+    return fig
+
+
+def scaled(size: float, unit: str) -> tuple[float, str]:
+    """Return the factor and the prefix with which a size is shown: millikelvins below a limit."""
+    return (1e3, "m") if size < MILLI and unit == "K" else (1.0, "")
+
+
+def residuals(diagnosis: Diagnosis, fit: Fit) -> dict[str, Array]:
+    """Return measured - model by channel, shape (rows,), in K and in decades of R or the film's own unit; nan without a
+    reading."""
+    record, out = diagnosis.record, {}
+    for key, values in diagnosis.shown(fit).items():
+        if key == "temperature_K":
+            out[key] = np.where(record.temperature_used, residual(record.temperature_degC, values), np.nan)
+        elif record.output is not None:
+            left = record.quantity.size * residual(record.output, values, record.quantity.name)
+            out[key] = np.where(record.output_used, left, np.nan)
+    return out
+
+
+def course_figure(folder: Path, diagnosis: Diagnosis) -> str:
+    """Draw the temperature over time, measured and simulated by both models, and the current."""
+    caption = "The temperature as measured, and as the models simulate it from the current alone."
+    return figure(saved(drawn_course(diagnosis), folder, "course"), caption)
+
+
+def drawn_course(diagnosis: Diagnosis) -> Figure:
+    """Return the same as a matplotlib figure."""
+    record = diagnosis.record
+    fig, axes = new_figure(2, 5.0, [2.6, 1.0])
+    degC = np.where(record.temperature_used, record.temperature_degC, np.nan)
+    courses: list[tuple[Array, str, str, Any]] = [(degC, COLOURS["measured"], "measured", "-")]
+    for group, colour, name in _models(diagnosis):
+        courses.append((diagnosis.shown(group)["temperature_K"], colour, name, (0, (4, 2))))
+    for values, colour, name, style in courses:
+        draw_line(axes[0], record.time_s, values, breaks=_breaks(record), color=colour, label=name, linestyle=style)
+    axes[0].set_ylabel("temperature / \N{DEGREE SIGN}C")
+    legend_above(axes[0])
+    if record.current_A is not None:
+        breaks, colour = _breaks(record), COLOURS["current"]
+        draw_line(axes[1], record.time_s, record.current_A, held=True, breaks=breaks, color=colour, linewidth=0.9)
+    axes[1].set_ylabel(_drive(diagnosis).replace(" / of", "\n/ of"))
+    axes[1].set_xlabel(_time(record)[0])
+    if record.joined.size:
+        _times_of_each(axes[1], record)
+    return fig
+
+
+def _models(diagnosis: Diagnosis) -> list[tuple[Fit, str, str]]:
+    """The fit, colour and name of each model that is shown: the base model only if the extended one differs from it."""
+    models = [(diagnosis.base, BASE, "base model"), (diagnosis.fit, EXTENDED, "extended model")]
+    return models if _extends(diagnosis) else [(diagnosis.fit, EXTENDED, "model")]
+
+
+def _extends(diagnosis: Diagnosis) -> bool:
+    """Whether the extended model has other effects than the base model, or another film."""
+    fit, base = diagnosis.fit, diagnosis.base
+    return fit.effects != base.effects or type(fit.joint.film) is not type(base.joint.film)
+
+
+def _breaks(record: Rows) -> list[int]:
+    """Return the rows at which a line is interrupted: after gaps, and at the first row of each record."""
+    return sorted({*record.after_gaps.tolist(), *record.joined.tolist()})
+
+
+def residual_figures(folder: Path, diagnosis: Diagnosis) -> list[str]:
+    """Draw residuals against time, temperature, rate and drive, a figure for each channel."""
+    before, after = residuals(diagnosis, diagnosis.base), residuals(diagnosis, diagnosis.fit)
+    against = _against(diagnosis)
+    return [_residual(folder, diagnosis, against, key, before[key], after[key]) for key in after]
+
+
+def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
+    """Return the (label, values) against which residuals are drawn."""
+    record = diagnosis.record
+    temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
+    rate = np.concatenate([_rate(temperature[part], record.file_s[part]) for part in record.parts])
+    found = [_time(record), ("temperature / \N{DEGREE SIGN}C", temperature), ("rate / K/s", rate)]
+    if record.current_A is not None:
+        found.append((_drive(diagnosis), record.current_A))
+    elif record.test_current_A is not None:
+        found.append(("test current / A", record.test_current_A))
+    return found
+
+
+def _time(record: Rows) -> tuple[str, Array]:
+    if record.joined.size:
+        return "time / s, record after record", record.time_s
+    return "time / s", record.file_s
+
+
+def _drive(diagnosis: Diagnosis) -> str:
+    share = diagnosis.drive is not None or (diagnosis.plate is not None and diagnosis.plate.kind == "heater")
+    return "drive / of full drive" if share else "current / A"
+
+
+def _rate(temperature_degC: Array, time_s: Array) -> Array:
+    """Return the rate of one record, K/s, smoothed over a few rows; nan if it has fewer than two readings."""
+    good = np.isfinite(temperature_degC)
+    if np.sum(good) < 2:
+        return np.full(time_s.size, np.nan)
+    even = np.interp(time_s, time_s[good], temperature_degC[good])
+    width = 9 if time_s.size > 200 else 3
+    smooth = np.convolve(np.pad(even, width // 2, mode="edge"), np.ones(width) / width, "valid")
+    return np.asarray(np.gradient(smooth, time_s), dtype=np.float64)
+
+
+def _times_of_each(axis: Axes, record: Rows) -> None:
+    """Label an axis of joined records with the times of each record's file, and draw a line where each begins."""
+    places, labels = [], []
+    for part in record.parts:
+        time, begin_s = record.file_s[part], float(record.time_s[part.start])
+        ticks = [t for t in MaxNLocator(3).tick_values(time[0], time[-1]) if time[0] <= t <= time[-1]]
+        places += [begin_s + t - time[0] for t in ticks]
+        labels += [f"{t:.12g}" for t in ticks]
+        if part.start:
+            axis.axvline(begin_s, color=BASE, linewidth=0.8)
+    axis.set_xticks(places, labels)
+
+
+def _residual(
+    folder: Path, diagnosis: Diagnosis, against: list[tuple[str, Array]], key: str, before: Array, after: Array
+) -> str:
+    """Draw the residuals of one channel, a row of panels for each model, each row on its own scale."""
+    what, unit = channels_of(diagnosis)[key]
+    models = [(before, BASE, "base model"), (after, EXTENDED, "extended model")]
+    models = models if _extends(diagnosis) else [(after, EXTENDED, "model")]
+    fig, axes = grid(len(models), len(against), 2.6 * len(models), sharey="row")
+    good = np.flatnonzero(np.isfinite(before) & np.isfinite(after))
+    index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
+    beyond = False
+    for row, (residuals_of_model, colour, name) in zip(axes, models, strict=True):
+        spread = float(np.nanpercentile(np.abs(residuals_of_model), 99.5))
+        scale, prefix = scaled(spread, unit)
+        limit, values = 1.3 * scale * spread, scale * residuals_of_model
+        far = good[np.abs(values[good]) > limit]
+        beyond = beyond or far.size > 0
+        for axis, (label, x) in zip(row, against, strict=True):
+            axis.plot(x[index], values[index], ".", color=colour, markersize=2, rasterized=True)
+            for sign, mark in ((1.0, "^"), (-1.0, "v")):
+                there = far[sign * values[far] > 0.0]
+                axis.plot(x[there], np.full(there.size, 0.97 * sign * limit), mark, color=colour, markersize=4)
+            axis.set_ylim(-limit, limit)
+            axis.set_xlabel(label)
+        row[0].set_ylabel(f"{name}\n{residual_label(f'{prefix}{unit}')}")
+    if diagnosis.record.joined.size:
+        for axis in axes[:, 0]:
+            _times_of_each(axis, diagnosis.record)
+    *others, last = [label.split(" / ")[0] for label, _ in against]
+    caption = f"Residual of {what} against {', '.join(others)} and {last}."
+    caption += " Each row has its own scale." * (len(models) > 1)
+    caption += " Triangles at the edge: readings beyond it." * beyond
+    return figure(saved(fig, folder, f"residual_{key}"), caption)
+
+
+def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
+    """Draw the film's output over temperature, measured and simulated."""
+    caption = "The loop as measured, and as the models simulate it."
+    return figure(saved(drawn_loop(diagnosis), folder, "loop"), caption)
+
+
+def drawn_loop(diagnosis: Diagnosis) -> Figure:
+    """Return the same as a matplotlib figure."""
+    record = diagnosis.record
+    assert record.output is not None
+    fig, axes = grid(1, 2, 3.6)
+    temperature = diagnosis.fit.at.run.path.at(record.time_s)
+    good = np.flatnonzero(record.output_used)
+    index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
+    read = record.output_used & np.isfinite(temperature)
+    panels = _models(diagnosis)
+    for axis, (group, colour, name) in zip(axes[0], panels, strict=False):
+        modelled = diagnosis.shown(group)[record.quantity.channel]
+        measured, model = (record.quantity.values(v) for v in (record.output, modelled))
+        dots = {"markersize": 2, "color": COLOURS["measured"], "rasterized": True, "label": "measured"}
+        axis.plot(temperature[index], measured[index], ".", **dots)
+        line: dict[str, Any] = {"color": colour, "linewidth": 0.9, "rasterized": True, "label": name}
+        model = np.where(read, model, np.nan)
+        draw_line(axis, record.time_s, model, over=temperature, breaks=record.first_rows, **line)
+        if record.quantity.is_resistance:
+            log_scale(axis)
+        axis.legend(loc="upper right", markerscale=4, fontsize=9)
+        axis.set_xlabel("plate's temperature / \N{DEGREE SIGN}C")
+    axes[0, 0].set_ylabel("resistance / ohm" if record.quantity.is_resistance else record.quantity.column)
+    if len(panels) == 1:
+        axes[0, 1].remove()
+    return fig
+
 
 RUNNERS_UP = 6  # rows of a table that is read at a glance
 
@@ -192,3 +454,95 @@ def _runners_up(diagnosis: Diagnosis) -> list[str]:
         table(["effects", "score of the named effects - score of this set"], rows[:RUNNERS_UP]),
         paragraph(note, "note"),
     ]
+
+
+RANK = (
+    "partly_unexplained",
+    "explained",
+    "unexplained",
+    "too_short",
+    "clean",
+)  # what there is to do about it, most first
+
+
+@dataclass(frozen=True)
+class Options:
+    """asked: how to diagnose, without what is assumed; assume: NAME[:param=value,...] of effects that are there;
+    effect_files: user-defined effects, which another process has to load too."""
+
+    asked: Asked
+    assume: tuple[str, ...] = ()
+    effect_files: tuple[Path, ...] = ()
+
+
+def told(
+    record: Any,
+    options: Options,
+    model: str | None = None,
+    *holdout: Any,
+    report: bool | None = None,
+    further: Sequence[Record] = (),
+    say: Callable[[str], None] = lambda text: None,
+) -> RecordReport:
+    """Diagnose a record. record, holdout: `Record`s, or what an engine shares of them. model: where its model will
+    stand; None: nowhere. report: whether its files are wanted; None: where the model is. further: records that are
+    diagnosed with it as one; say: takes progress."""
+    _know(options.effect_files)
+    one: Record = given(record)
+    earlier = earlier_film_records(one.source, say)
+    together = [one, *further]
+    asked = replace(options.asked, assume=parse_assumed_effects(options.assume))
+    try:
+        diagnosis, extended = diagnosed(together, asked, [given(other) for other in holdout], earlier, say)
+    except Faults as faults:
+        return RecordReport(faults=tuple(faults.lines))
+    if model is not None:
+        diagnosis = with_model(diagnosis, model)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if model is not None:
+            write_model(folder / MODEL, _of_records(extended, together, earlier), model_comment(diagnosis))
+        if report if report is not None else model is not None:
+            for candidate in diagnosis.candidates[:1]:
+                tried = extended_model(candidate.fit, diagnosis.record)
+                comment = f"with what was found in {records_of(diagnosis)} and is not named: "
+                comment = "\n".join([comment + ", ".join(candidate.names), *unit_lines(diagnosis)])
+                write_model(folder / CANDIDATE, _of_records(tried, together, ()), comment)
+            write_diagnosis_report(folder, diagnosis)
+        files = files_in(folder)
+    return RecordReport(diagnosis.document(), tuple(lines(diagnosis)), files)
+
+
+def _of_records(extended: ExtendedModel, together: Sequence[Record], before: Sequence[Record]) -> Model:
+    """The model, with the records that told its film, where they are files."""
+    return fitted_to(model_of(extended), [*together, *(before if extended.further else [])])
+
+
+@lru_cache
+def _know(effect_files: tuple[Path, ...]) -> None:
+    """Once a process."""
+    add_effect_files(effect_files)
+
+
+def _rank(row: Mapping[str, Any]) -> tuple[int, float, int]:
+    """What matters first: what shows an effect, by the evidence; then what nothing explains; then what is clean."""
+    verdict = str(row.get("verdict", ""))
+    evidence = [value for key, value in row.items() if key.endswith(".evidence") and isinstance(value, float)]
+    place = RANK.index(verdict) if verdict in RANK else len(RANK)
+    return place, -max(evidence, default=0.0), int(row["number"])
+
+
+def diagnoses(options: Options, holdout: Sequence[Record]) -> Task:
+    """Of many records."""
+    return Task(
+        work=told,
+        options=options,
+        document="diagnosis.json",
+        table="diagnoses",
+        title="Diagnoses",
+        row=of_diagnosis,
+        rank=_rank,
+        columns={"verdict": "verdict", "named": "effects and sizes", "left": "left over"},
+        shared=tuple(holdout),
+        files=options.effect_files,
+    )

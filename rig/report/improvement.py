@@ -11,8 +11,20 @@ from typing import Any
 from rig.analysis.error import TargetError
 from rig.experiment.improvement import Gain, as_effects
 from rig.report.diagnosis_words import listed, parameter
-from rig.report.figures import COLOURS, EDGE, draw_line, new_figure, saved
-from rig.report.page import figure, links, paragraph, section, table, tiles, write_page
+from rig.report.figures import (
+    COLOURS,
+    EDGE,
+    draw_line,
+    figure,
+    links,
+    new_figure,
+    paragraph,
+    saved,
+    section,
+    table,
+    tiles,
+    write_page,
+)
 
 FORMAT = "peltier-improvement/1"
 

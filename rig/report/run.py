@@ -5,8 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from rig.records.recorded_run import RunRows, live_run, recorded_run
-from rig.records.run_folder import RunFolder
+from rig.records.run_folder import RunFolder, RunRows, live_run, recorded_run
 
 
 def write_run_report(run: RunRows, out: Path) -> None:

@@ -27,12 +27,37 @@ from rig.analysis.error import (
 )
 from rig.core.columns import OF_A_RUN
 from rig.records.record_file import read_record
-from rig.records.recorded_run import CALIBRATION, LAW, PHASE, RunRows, drive_label, ended_early, inner_runs, limit_A
-from rig.records.run_folder import PREDICTED
-from rig.report.figures import BLUE, COLOURS, EDGE, SHADE, draw_line, legend_above, log_scale, new_figure, saved
-from rig.report.model_figures import draw_residual
-from rig.report.model_pages import NOT_DETERMINED, PLATE_HEAD, plate_row, transition_section
-from rig.report.page import bullets, figure, links, paragraph, section, table, tiles, write_page
+from rig.records.run_folder import (
+    CALIBRATION,
+    LAW,
+    PHASE,
+    PREDICTED,
+    RunRows,
+    drive_label,
+    ended_early,
+    inner_runs,
+    limit_A,
+)
+from rig.report.figures import (
+    BLUE,
+    COLOURS,
+    EDGE,
+    SHADE,
+    bullets,
+    draw_line,
+    figure,
+    legend_above,
+    links,
+    log_scale,
+    new_figure,
+    paragraph,
+    saved,
+    section,
+    table,
+    tiles,
+    write_page,
+)
+from rig.report.model_pages import NOT_DETERMINED, PLATE_HEAD, draw_residual, plate_row, transition_section
 from sim.inference.covariance import NORMAL_95
 
 BAND_DEC = 0.05  # 12 % of the resistance: what the eye does not see in a transition of decades

@@ -10,8 +10,25 @@ import numpy as np
 
 from compensator.control.margins import bearable_ms, frequencies, judged, worst_ms
 from rig.records.run_folder import plain_json
-from rig.report.figures import BLUE, EDGE, GOLD, GREEN, INK, PURPLE, RED, SOFT, grid, saved
-from rig.report.page import bullets, figure, paragraph, section, table, tiles, write_page
+from rig.report.figures import (
+    BLUE,
+    EDGE,
+    GOLD,
+    GREEN,
+    INK,
+    PURPLE,
+    RED,
+    SOFT,
+    bullets,
+    figure,
+    grid,
+    paragraph,
+    saved,
+    section,
+    table,
+    tiles,
+    write_page,
+)
 
 if TYPE_CHECKING:
     from rig.experiment.tuning import WholeLaw

@@ -40,7 +40,7 @@ import rig
 from rig.__main__ import VERBS, main
 from rig.config.configuration import configuration_of
 from rig.config.tables import SweepFile
-from rig.overview.configuration import Overview
+from rig.overview import Overview
 from rig.records.record_file import write_columns
 from tests.docs.test_pages import PAGES, ROOT, name
 from tests.rig.small import write_bench

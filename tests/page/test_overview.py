@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from rig.core.faults import Faults
-from rig.overview.configuration import read_overview
+from rig.overview import read_overview
 from tests.page.overviews import Overview, overviewing, silent, written
 from tests.rig.daemon.benches import SERVE, running, write_current
 from tests.rig.web.page_bench import PageBench, served

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from rig.records.record_file import write_columns
-from rig.report.diagnosis_figures import _against, _times_of_each
+from rig.report.diagnosis import _against, _times_of_each
 from sim.inference.record.joined import read_records
 from sim.inference.record.quantity import FALLING_OHM
 from tests.sim.diagnosis.plate_record import levels, record

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.analysis.usable_records import require_judging
+from rig.analysis.diagnosed import require_judging
 from rig.records.record import Record
 from rig.records.record_file import write_columns
 from sim.world.open_loop import simulate_record

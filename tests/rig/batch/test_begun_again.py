@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.batch.journal import Journal
+from rig.batch import Journal
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
 from tests.rig.batch.test_many_records import plate_record
@@ -97,7 +97,7 @@ def test_records_that_come_to_others_take_nothing_from_them(tmp_path: Path, pelt
 def test_an_effect_of_ones_own_that_was_changed_is_another_task(tmp_path: Path) -> None:
     from rig.analysis.diagnosed import Asked
     from rig.report.batch import digest_of
-    from rig.report.diagnosed_record import Options, diagnoses
+    from rig.report.diagnosis import Options, diagnoses
 
     own = tmp_path / "own.py"
     own.write_text("a = 1\n")

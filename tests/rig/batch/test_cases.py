@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.batch.engine import Case, Ended, EngineChoice, each_ended, opened
+from rig.batch import Case, Ended, EngineChoice, each_ended, opened
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
 from rig.safety.signals import SignalStop

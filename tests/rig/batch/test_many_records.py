@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.batch.engine import EngineChoice
+from rig.batch import EngineChoice
 from rig.records.record import Record
 from rig.report.batch import Task, each_record
 from tests.rig.batch.work import refused

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from rig.batch.engine import given
+from rig.batch import given
 from rig.report.batch import RecordReport
 
 

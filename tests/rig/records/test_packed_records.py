@@ -16,8 +16,8 @@ import pytest
 import scipy.io
 
 from rig.core.faults import Faults
-from rig.records import matlab_table
-from rig.records.matlab_table import MOST_NUMBERS, _load, _vectors
+from rig.records import file_formats as matlab_table
+from rig.records.file_formats import MOST_NUMBERS, _load, _vectors
 from rig.records.record_file import read_record
 
 HEAD = ["time_s", "temperature_degC", "current_A"]
@@ -70,7 +70,7 @@ def test_what_is_damaged_or_far_too_large_is_refused(tmp_path: Path, monkeypatch
         path.write_bytes(content)
         with pytest.raises(Faults, match=f"^{path}: compressed .*, and damaged"):
             read_record(path)
-    monkeypatch.setattr("rig.records.file_text.MOST_BYTES", 100)
+    monkeypatch.setattr("rig.records.record_file.MOST_BYTES", 100)
     path.write_bytes(gzip.compress(TEXT.encode()))
     with pytest.raises(Faults, match="unpacks to more than"):
         read_record(path)

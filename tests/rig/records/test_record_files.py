@@ -376,8 +376,8 @@ def test_packed_files_far_too_large_are_refused(
     openpyxl = pytest.importorskip("openpyxl")
     openpyxl.Workbook().save(tmp_path / "a.xlsx")
     scipy.io.savemat(tmp_path / "a.mat", {"time_s": np.zeros(2000)}, do_compression=True)
-    monkeypatch.setattr("rig.records.workbook_table.MOST_BYTES", 1000)
-    monkeypatch.setattr("rig.records.matlab_table.MOST_NUMBERS", 1000)
+    monkeypatch.setattr("rig.records.file_formats.MOST_BYTES", 1000)
+    monkeypatch.setattr("rig.records.file_formats.MOST_NUMBERS", 1000)
     for name, expected in (("a.xlsx", "unpacks to"), ("a.mat", "an array of 2000 numbers")):
         status, _, err = peltier("identify", tmp_path / name)
         assert (status, len(err.splitlines())) == (2, 1)

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.records import run_table as reading
+from rig.records import record_file as reading
 from rig.records.conversion import record_from_table
 from rig.records.record import Record
-from rig.records.record_file import read_record
-from rig.records.run_table import read_run_columns, read_run_table
+from rig.records.record_file import read_record, read_run_columns, read_run_table
 from rig.records.text_table import text_table
 
 HEAD = "time_s,temperature_degC,resistance_ohm,current_A,setpoint_degC,reference_degC,tick,phase\n"

@@ -14,8 +14,7 @@ from typing import Any
 import pytest
 
 from rig.daemon.web_process import WebProcess
-from rig.overview.app import serve
-from rig.overview.configuration import Overview
+from rig.overview import Overview, serve
 from rig.web.serving import serve_and_close, server_of
 
 BENCH = {"name": "left", "address": "http://127.0.0.1:8765"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.notebook.diagnosis import diagnose
+from rig.notebook.analysis import diagnose
 from sim.inference.record.record import held_out_rows
 from tests.sim.diagnosis.test_noisy_path import FINE_S, NOISE_DEC, NOISE_K, course, film
 

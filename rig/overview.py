@@ -1,7 +1,15 @@
-"""One bench as the overview knows it: asked for its state about once a second, and stopped when somebody presses STOP.
+"""One page for several bench daemons: a process of its own that holds their tokens, with a STOP for each.
 
-Each bench is asked in a task of its own, so that one that does not answer holds up no other. A request has a time limit
-for all of it. The protocol is h11's.
+    [overview]
+    port = 8780
+    token = "..."                        # asked for wherever it is set; needed beyond the loopback
+    [[bench]]
+    name = "left"
+    address = "http://127.0.0.1:8765"    # of the bench's page
+    token = "..."                        # the bench's own serve.token, where it has one
+
+Each bench is asked for its state about once a second, in a task of its own, so that one that does not answer holds up
+no other. A request has a time limit for all of it.
 """
 
 from __future__ import annotations
@@ -10,15 +18,103 @@ import asyncio
 import contextlib
 import json
 import os
+import re
+import secrets
 import ssl
+import sys
 import time
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 from urllib.parse import urlsplit
 
 import h11
+from pydantic import AfterValidator, Field, SecretStr, model_validator
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Mount, Route
 
-from rig.overview.configuration import BenchTable
+from rig.config.schema import HostName, Table, validate
+from rig.config.toml_file import parsed_toml, read_text
+from rig.core.faults import fault
+from rig.daemon.announcer import sent_event
+from rig.daemon.web_process import listening, why_not
+from rig.page import OVERVIEW, STATIC
+from rig.version import __version__
+from rig.web.page_server import (
+    LONGEST_NAME,
+    PageFiles,
+    Refusal,
+    Viewer,
+    begin_session,
+    events_reply,
+    json_reply,
+    object_in,
+    refusal_reply,
+    refused,
+)
+from rig.web.protection import LOOPBACK, Names, Protection, Sessions
+from rig.web.server import PAGE_CONNECTIONS, serve_and_close, server_of
+
+MOST_BENCHES = 200  # on one page: beyond that nobody looks at all of them
+
+
+def _page_address(text: str) -> str:
+    expected = "expected the address of a bench's page, as in http://10.0.0.7:8765"
+    if not re.fullmatch(r"https?://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?/?", text):
+        raise ValueError(expected)
+    try:
+        urlsplit(text).port  # noqa: B018 - it is read when it is asked for, and may be too large
+    except ValueError:
+        raise ValueError(expected) from None
+    return text.rstrip("/")
+
+
+class BenchTable(Table):
+    """[[bench]]: a bench as the overview reaches it."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_.-]{1,40}$")
+    address: Annotated[str, AfterValidator(_page_address)]
+    token: Annotated[SecretStr, Field(min_length=16)] | None = None
+
+
+class OverviewTable(Table):
+    """[overview]: its page; the keys mean what they mean in [serve]."""
+
+    address: str = "127.0.0.1"
+    port: int = Field(default=8780, ge=0, le=65535)
+    token: Annotated[SecretStr, Field(min_length=16)] | None = None
+    hosts: list[HostName] = []
+
+
+class Overview(Table):
+    """The whole file."""
+
+    overview: OverviewTable = OverviewTable()
+    bench: list[BenchTable] = Field(min_length=1, max_length=MOST_BENCHES)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named_once(cls, data: Any) -> Any:
+        tables = data.get("bench") if isinstance(data, dict) else None
+        names = [table.get("name") for table in tables if isinstance(table, dict)] if isinstance(tables, list) else []
+        twice = sorted({str(name) for name in names if name is not None and names.count(name) > 1})
+        if twice:
+            raise ValueError(f"bench.name: {', '.join(twice)}: expected each name once")
+        return data
+
+
+def read_overview(path: Path) -> Overview:
+    """Read and check the overview's configuration. Raises Faults."""
+    content = validate(Overview, parsed_toml(read_text(path), path), path)
+    table = content.overview
+    if table.address not in LOOPBACK and table.token is None:
+        text = f"missing; address {table.address} is not the loopback: expected a token"
+        raise fault(path, "overview.token", text)
+    return content
+
 
 LARGEST = 2_000_000  # bytes of an answer; a state takes two thousand
 AT_ONCE = 65_536  # bytes
@@ -211,3 +307,107 @@ def _in_words(status: int, answer: Any) -> str:
         return "the bench does not take the token of this overview"
     faults = answer.get("faults") if isinstance(answer, dict) else None
     return "; ".join(map(str, faults))[:300] if isinstance(faults, list) and faults else f"the bench answers {status}"
+
+
+TOGETHER_S = 0.25  # what changes within this goes out together
+NO_ANSWER = 502
+
+
+class Benches:
+    """State of all benches; the methods are the endpoints."""
+
+    def __init__(self, content: Overview, sessions: Sessions) -> None:
+        self._changed = asyncio.Event()
+        self._benches = {table.name: Bench(table, self._changed.set) for table in content.bench}
+        self._viewers: set[Viewer] = set()
+        self._sessions = sessions
+
+    def current(self) -> dict[str, Any]:
+        """Return all benches at this moment, in the order of the configuration."""
+        benches = [bench.shown() for bench in self._benches.values()]
+        return {"time_s": time.time(), "version": __version__, "benches": benches}
+
+    async def state(self, request: Request) -> Response:
+        """Reply with all benches at this moment."""
+        return json_reply(self.current())
+
+    async def events(self, request: Request) -> Response:
+        """Send all benches as they change, until the viewer goes."""
+        return events_reply(self._viewers, self.current)
+
+    async def stop(self, request: Request) -> Response:
+        """Send STOP to one bench, by its name; reply with the bench's own answer."""
+        body = await object_in(request)
+        bench = self._benches.get(str(body.get("bench")))
+        if bench is None:
+            return refusal_reply(404, f"bench: expected one of {', '.join(self._benches)}")
+        press = body.get("press")
+        name = press[:LONGEST_NAME] if isinstance(press, str) else secrets.token_urlsafe(12)
+        try:
+            status, answer = await bench.stop(name)
+        except Unanswered as error:
+            return refusal_reply(NO_ANSWER, f"{bench.name} does not answer: {error}")
+        return json_reply(answer, status)
+
+    async def session(self, request: Request) -> Response:
+        """Begin a session of a caller with the token."""
+        return await begin_session(request, self._sessions)
+
+    @contextlib.asynccontextmanager
+    async def watched(self, app: Starlette) -> AsyncIterator[None]:
+        """Ask every bench, and send changes to every viewer, meanwhile."""
+        work = [self._send_changes(), *(bench.watch() for bench in self._benches.values())]
+        tasks = [asyncio.create_task(one) for one in work]
+        try:
+            yield
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks, timeout=1.0)
+
+    async def _send_changes(self) -> None:
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            if self._viewers:
+                event = sent_event("state", self.current())
+                for viewer in self._viewers:
+                    viewer.put("state", event)
+            await asyncio.sleep(TOGETHER_S)
+
+
+def application(content: Overview) -> Starlette:
+    """Return the application of a configuration."""
+    table = content.overview
+    sessions = Sessions(table.token.get_secret_value() if table.token is not None else None)
+    benches = Benches(content, sessions)
+    routes: list[Route | Mount] = [
+        Route("/api/state", benches.state),
+        Route("/api/events", benches.events),
+        Route("/api/stop", benches.stop, methods=["POST"]),
+        Route("/api/session", benches.session, methods=["POST"]),
+        Mount("/shared", PageFiles(STATIC, None)),
+        Mount("/icons", PageFiles(STATIC / "icons", None)),
+        Mount("/", PageFiles(OVERVIEW, None)),
+    ]
+    return Starlette(
+        routes=routes,
+        middleware=[Middleware(Protection, names=Names(table.address, table.hosts), sessions=sessions)],
+        lifespan=benches.watched,
+        exception_handlers={Refusal: refused},
+    )
+
+
+async def serve(content: Overview, report: Callable[[str], None]) -> int:
+    """Serve the overview until a signal; return the exit status. report: called with the address once the page is
+    there."""
+    table = content.overview
+    server = server_of(application(content), PAGE_CONNECTIONS)
+    try:
+        listener = listening(table.address, table.port)
+    except OSError as error:
+        why = f"{table.address}:{table.port}: {why_not(error)} (overview.address, overview.port)"
+        print(f"peltier overview: there is no page at {why}", file=sys.stderr)
+        return 1
+    await serve_and_close(server, listener, report)
+    return 0 if server.started else 1
