@@ -28,7 +28,6 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 from urllib.parse import urlsplit
 
-import h11
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -117,7 +116,6 @@ def read_overview(path: Path) -> Overview:
 
 
 LARGEST = 2_000_000  # bytes of an answer; a state takes two thousand
-AT_ONCE = 65_536  # bytes
 # A bench that falls silent right after an answer is asked again a second later, and shown as silent when that has had
 # no answer for as long as stands here: 2.5 s in all.
 PERIOD_S, ANSWER_S = 1.0, 1.5
@@ -137,76 +135,48 @@ class Place(NamedTuple):
     port: int
     secure: ssl.SSLContext | None
 
-    @property
-    def name(self) -> str:
-        """Value of the Host header."""
-        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
-
-
-def place_of(address: str) -> Place:
-    """Return the place that an http or https address names."""
-    parts = urlsplit(address)
-    secure = ssl.create_default_context() if parts.scheme == "https" else None
-    return Place(str(parts.hostname), parts.port or (443 if secure else 80), secure)
-
 
 async def exchange(
     place: Place, method: str, path: str, token: str | None, body: Any, within_s: float
 ) -> tuple[int, Any]:
-    """Send a request on a connection of its own; return status and JSON. Raises Unanswered."""
+    """Send a request on a connection of its own; return status and JSON. Raises Unanswered.
+
+    It is one of HTTP/1.0, whose answer comes in one piece and ends with the connection.
+    """
+    host = f"[{place.host}]" if ":" in place.host else place.host
+    head = [f"{method} {path} HTTP/1.0", f"Host: {host}:{place.port}", "Accept: application/json"]
+    content = b"" if method == "GET" else json.dumps(body).encode()
+    if method != "GET":
+        head += ["Content-Type: application/json", "X-Peltier: 1", f"Content-Length: {len(content)}"]
+    if token is not None:
+        head.append(f"Authorization: Bearer {token}")
+    answer = b""
     try:
         async with asyncio.timeout(within_s):
             reader, writer = await asyncio.open_connection(place.host, place.port, ssl=place.secure)
             try:
-                return await _exchange(reader, writer, _request(place, method, path, token, body))
+                writer.write("\r\n".join([*head, "", ""]).encode() + content)
+                while len(answer) <= LARGEST and (part := await reader.read(LARGEST)):
+                    answer += part
             finally:
                 writer.close()
+        if len(answer) > LARGEST:
+            raise ValueError(f"an answer of more than {LARGEST} bytes")
+        lines, _, found = answer.partition(b"\r\n\r\n")
+        if (status := re.match(rb"HTTP/1\.\d (\d{3})\b", lines)) is None:
+            raise ValueError("no HTTP")
+        return int(status[1]), json.loads(found) if found else None
     except TimeoutError:
         raise Unanswered(f"no answer within {within_s:g} s") from None
-    except OSError as error:
-        raise Unanswered(_cause(error)) from None
-    except (h11.RemoteProtocolError, ValueError, RecursionError) as error:
+    except OSError as error:  # asyncio's own text leaves out the cause
+        known = error.errno is not None and error.errno > 0
+        cause = os.strerror(error.errno or 0).lower() if known else error.strerror or str(error) or type(error).__name__
+        raise Unanswered(cause) from None
+    except (ValueError, RecursionError) as error:
         raise Unanswered(f"what answers there is no bench: {error}") from None
 
 
-def _cause(error: OSError) -> str:
-    """Return why nothing could be sent; asyncio's own text leaves out the cause."""
-    if error.errno is not None and error.errno > 0:
-        return os.strerror(error.errno).lower()
-    return error.strerror or str(error) or type(error).__name__
-
-
-def _request(place: Place, method: str, path: str, token: str | None, body: Any) -> tuple[h11.Request, bytes]:
-    content = b"" if method == "GET" else json.dumps(body).encode()
-    headers = [("Host", place.name), ("Connection", "close"), ("Accept", "application/json")]
-    if method != "GET":
-        length = ("Content-Length", str(len(content)))
-        headers += [("Content-Type", "application/json"), ("X-Peltier", "1"), length]
-    if token is not None:
-        headers.append(("Authorization", f"Bearer {token}"))
-    return h11.Request(method=method, target=path, headers=headers), content
-
-
-async def _exchange(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, request: tuple[h11.Request, bytes]
-) -> tuple[int, Any]:
-    connection = h11.Connection(h11.CLIENT)
-    head, content = request
-    parts = [connection.send(head), connection.send(h11.Data(content)), connection.send(h11.EndOfMessage())]
-    writer.write(b"".join(part for part in parts if part))
-    status, found = 0, bytearray()
-    while True:
-        event = connection.next_event()
-        if event is h11.NEED_DATA:
-            connection.receive_data(await reader.read(AT_ONCE))
-        elif isinstance(event, h11.Response):
-            status = event.status_code
-        elif isinstance(event, h11.Data):
-            found += event.data
-            if len(found) > LARGEST:
-                raise ValueError(f"an answer of more than {LARGEST} bytes")
-        elif isinstance(event, (h11.EndOfMessage, h11.ConnectionClosed)):
-            return status, json.loads(found) if found else None
+_kept: set[asyncio.Future[Any]] = set()  # what nobody holds may be collected before it has ended
 
 
 async def first_success(*ways: Any) -> tuple[int, Any]:
@@ -215,6 +185,9 @@ async def first_success(*ways: Any) -> tuple[int, Any]:
     The others are left to end by themselves: each of them is a STOP that may still be needed.
     """
     tasks = [asyncio.ensure_future(way) for way in ways]
+    every = asyncio.gather(*tasks, return_exceptions=True)
+    _kept.add(every)
+    every.add_done_callback(_kept.discard)
     refused: tuple[int, Any] | None = None
     silent = Unanswered("nowhere to ask")
     for done in asyncio.as_completed(tasks):
@@ -224,28 +197,11 @@ async def first_success(*ways: Any) -> tuple[int, Any]:
             silent = error
             continue
         if status == 200:
-            _let_end([task for task in tasks if not task.done()])
             return status, answer
         refused = status, answer
     if refused is None:
         raise silent
     return refused
-
-
-def _let_end(tasks: list[asyncio.Future[Any]]) -> None:
-    """Keep requests until they have ended, whatever comes of them."""
-    for task in tasks:
-        _kept.add(task)
-        task.add_done_callback(_ended)
-
-
-def _ended(task: asyncio.Future[Any]) -> None:
-    _kept.discard(task)
-    with contextlib.suppress(asyncio.CancelledError):
-        task.exception()
-
-
-_kept: set[asyncio.Future[Any]] = set()  # a task that nobody holds may be collected before it has ended
 
 
 class Bench:
@@ -254,7 +210,9 @@ class Bench:
     def __init__(self, table: BenchTable, changed: Callable[[], None]) -> None:
         self.name, self.address = table.name, table.address
         self._token = table.token.get_secret_value() if table.token is not None else None
-        self._place = place_of(table.address)
+        parts = urlsplit(table.address)
+        secure = ssl.create_default_context() if parts.scheme == "https" else None
+        self._place = Place(str(parts.hostname), parts.port or (443 if secure else 80), secure)
         self._changed = changed
         self._state: dict[str, Any] = {}
         self._stop_port: int | None = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,43 +20,19 @@ from rig.analysis.film_records import earlier_film_records, fitted_to
 from rig.analysis.trend import of_diagnosis
 from rig.batch import given
 from rig.config.effect_tables import add_effect_files, parse_assumed_effects
-from rig.config.model_file import Model, write_model
+from rig.config.model_file import write_model
 from rig.core.faults import Faults
 from rig.core.file_writing import write_text
 from rig.records.record_file import Record
 from rig.records.run_folder import plain_json
+from rig.report import diagnosis_words as words
 from rig.report.batch import CANDIDATE, MODEL, RecordReport, Task, files_in
-from rig.report.diagnosis_words import (
-    NOT_FIXED,
-    assumed_lines,
-    by_gain,
-    channels_of,
-    film_words,
-    held_out_lines,
-    judged_channels,
-    left_over,
-    limit_rows,
-    lines,
-    model_comment,
-    not_named,
-    number,
-    parameters,
-    record_lines,
-    room_line,
-    sentence,
-    split_unit,
-    together,
-    unit_lines,
-    warning_line,
-)
-from rig.report.diagnosis_words import together as records_of
 from rig.report.figures import (
     COLOURS,
     EDGE,
     GREEN,
     bullets,
     draw_line,
-    figure,
     grid,
     legend_above,
     log_scale,
@@ -69,7 +44,7 @@ from rig.report.figures import (
     tiles,
     write_page,
 )
-from sim.diagnosis.extended_model import ExtendedModel, extended_model
+from sim.diagnosis.extended_model import extended_model
 from sim.diagnosis.result import with_model
 
 if TYPE_CHECKING:
@@ -83,15 +58,9 @@ MOST_DOTS = 4000  # more hide each other, and make the page slow
 MILLI = 0.3  # K: below it a figure is in mK
 
 
-def gain_figure(folder: Path, diagnosis: Diagnosis) -> str:
-    """Draw the errors of both models on held-out rows, and the noise, a panel for each channel."""
-    caption = "RMS error of a simulation over the whole record, counted on held-out rows, and the instrument's noise."
-    return figure(saved(drawn_gain(diagnosis), folder, "gain"), caption)
-
-
 def drawn_gain(diagnosis: Diagnosis) -> Figure:
-    """Return the same as a matplotlib figure."""
-    channels = judged_channels(diagnosis)
+    """Draw the errors of both models on held-out rows, and the noise, a panel for each channel."""
+    channels = words.judged_channels(diagnosis)
     extends = _extends(diagnosis)
     fig, axes = grid(1, len(channels), 1.7)
     for axis, (what, unit, channel) in zip(axes[0], channels, strict=True):
@@ -127,14 +96,8 @@ def residuals(diagnosis: Diagnosis, fit: Fit) -> dict[str, Array]:
     return out
 
 
-def course_figure(folder: Path, diagnosis: Diagnosis) -> str:
-    """Draw the temperature over time, measured and simulated by both models, and the current."""
-    caption = "The temperature as measured, and as the models simulate it from the current alone."
-    return figure(saved(drawn_course(diagnosis), folder, "course"), caption)
-
-
 def drawn_course(diagnosis: Diagnosis) -> Figure:
-    """Return the same as a matplotlib figure."""
+    """Draw the temperature over time, measured and simulated by both models, and the current."""
     record = diagnosis.record
     fig, axes = new_figure(2, 5.0, [2.6, 1.0])
     degC = np.where(record.temperature_used, record.temperature_degC, np.nan)
@@ -170,13 +133,6 @@ def _extends(diagnosis: Diagnosis) -> bool:
 def _breaks(record: Rows) -> list[int]:
     """Return the rows at which a line is interrupted: after gaps, and at the first row of each record."""
     return sorted({*record.after_gaps.tolist(), *record.joined.tolist()})
-
-
-def residual_figures(folder: Path, diagnosis: Diagnosis) -> list[str]:
-    """Draw residuals against time, temperature, rate and drive, a figure for each channel."""
-    before, after = residuals(diagnosis, diagnosis.base), residuals(diagnosis, diagnosis.fit)
-    against = _against(diagnosis)
-    return [_residual(folder, diagnosis, against, key, before[key], after[key]) for key in after]
 
 
 def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
@@ -231,7 +187,7 @@ def _residual(
     folder: Path, diagnosis: Diagnosis, against: list[tuple[str, Array]], key: str, before: Array, after: Array
 ) -> str:
     """Draw the residuals of one channel, a row of panels for each model, each row on its own scale."""
-    what, unit = channels_of(diagnosis)[key]
+    what, unit = words.channels_of(diagnosis)[key]
     models = [(before, BASE, "base model"), (after, EXTENDED, "extended model")]
     models = models if _extends(diagnosis) else [(after, EXTENDED, "model")]
     fig, axes = grid(len(models), len(against), 2.6 * len(models), sharey="row")
@@ -259,17 +215,11 @@ def _residual(
     caption = f"Residual of {what} against {', '.join(others)} and {last}."
     caption += " Each row has its own scale." * (len(models) > 1)
     caption += " Triangles at the edge: readings beyond it." * beyond
-    return figure(saved(fig, folder, f"residual_{key}"), caption)
-
-
-def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
-    """Draw the film's output over temperature, measured and simulated."""
-    caption = "The loop as measured, and as the models simulate it."
-    return figure(saved(drawn_loop(diagnosis), folder, "loop"), caption)
+    return saved(fig, folder, f"residual_{key}", caption)
 
 
 def drawn_loop(diagnosis: Diagnosis) -> Figure:
-    """Return the same as a matplotlib figure."""
+    """Draw the film's output over temperature, measured and simulated."""
     record = diagnosis.record
     assert record.output is not None
     fig, axes = grid(1, 2, 3.6)
@@ -300,44 +250,41 @@ RUNNERS_UP = 6  # rows of a table that is read at a glance
 
 
 def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
-    """report.html and diagnosis.json in a folder that is there, with its models."""
+    """Write report.html and diagnosis.json into a folder that is there, with its models."""
     write_text(folder / "diagnosis.json", plain_json(diagnosis.document()) + "\n")
-    residual = residual_figures(folder, diagnosis)
-    parts = [
-        *_records(diagnosis),
-        tiles(_numbers(diagnosis)),
-        *_first(folder, diagnosis),
-        section("Effects", _effects(diagnosis), *_assumed(diagnosis), *_changes(diagnosis)),
-        *_not_named(diagnosis, (folder / CANDIDATE).is_file()),
-        section("Errors on held-out rows", gain_figure(folder, diagnosis)),
-        section("Residual, warnings, and what to do next", *_left(diagnosis)),
-        section("Residuals", *residual),
-    ]
-    parts += _plate(diagnosis)
-    parts += _limits(diagnosis)
-    parts.append(section("Other sets of effects", *_runners_up(diagnosis)))
-    write_page(folder / "report.html", f"Diagnosis of {together(diagnosis)}", sentence(diagnosis), parts)
-
-
-def _first(folder: Path, diagnosis: Diagnosis) -> list[str]:
-    """Figures of the record and the models: the temperature over time, the loop."""
-    figures = [course_figure(folder, diagnosis)] if diagnosis.plate is not None else []
-    if diagnosis.record.output is not None:
-        figures.append(loop_figure(folder, diagnosis))
-    return [section("Measured and modelled", *figures)] if figures else []
-
-
-def _records(diagnosis: Diagnosis) -> list[str]:
-    """What was diagnosed, and what was held out."""
-    parts = [paragraph(f"{line}.", "note") for line in record_lines(diagnosis)]
-    if held := held_out_lines(diagnosis):
+    parts = [paragraph(f"{line}.", "note") for line in words.record_lines(diagnosis)]
+    if held := words.held_out_lines(diagnosis):
         parts += [paragraph("Held-out records, and the errors there:", "note"), bullets(held)]
-    return parts
+    parts.append(tiles(_numbers(diagnosis)))
+    figures = []
+    if diagnosis.plate is not None:
+        caption = "The temperature as measured, and as the models simulate it from the current alone."
+        figures.append(saved(drawn_course(diagnosis), folder, "course", caption))
+    if diagnosis.record.output is not None:
+        caption = "The loop as measured, and as the models simulate it."
+        figures.append(saved(drawn_loop(diagnosis), folder, "loop", caption))
+    if figures:
+        parts.append(section("Measured and modelled", *figures))
+    assumed = words.assumed_lines(diagnosis)
+    if assumed:
+        assumed = [paragraph("Assumed to be there, in the base model too:"), bullets(assumed)]
+    parts.append(section("Effects", _effects(diagnosis), *assumed, *_changes(diagnosis)))
+    parts += _not_named(diagnosis, (folder / CANDIDATE).is_file())
+    caption = "RMS error of a simulation over the whole record, counted on held-out rows, and the instrument's noise."
+    parts.append(section("Errors on held-out rows", saved(drawn_gain(diagnosis), folder, "gain", caption)))
+    parts.append(section("Residual, warnings, and what to do next", *_left(diagnosis)))
+    before, after = residuals(diagnosis, diagnosis.base), residuals(diagnosis, diagnosis.fit)
+    against = _against(diagnosis)
+    shown = [_residual(folder, diagnosis, against, key, before[key], after[key]) for key in after]
+    parts += [section("Residuals", *shown), *_plate(diagnosis), *_limits(diagnosis)]
+    parts.append(section("Other sets of effects", *_runners_up(diagnosis)))
+    title = f"Diagnosis of {words.together(diagnosis)}"
+    write_page(folder / "report.html", title, words.sentence(diagnosis), parts)
 
 
 def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     found = [(diagnosis.verdict.replace("_", " "), "verdict")]
-    for what, unit, channel in judged_channels(diagnosis):
+    for what, unit, channel in words.judged_channels(diagnosis):
         scale, prefix = scaled(channel.rmse_base, unit)
         before, after = scale * channel.rmse_base, scale * channel.rmse_extended
         arrow = f"{before:.3g} \N{RIGHTWARDS ARROW} {after:.3g} {prefix}{unit}"
@@ -345,7 +292,7 @@ def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
             arrow = f"{after:.3g} {prefix}{unit}"
         found.append((arrow, f"RMS error of {what} in held-out rows; noise {scale * channel.noise:.3g} {prefix}{unit}"))
     if diagnosis.film is not None:
-        kind, _, form = film_words(diagnosis.film).partition(", ")
+        kind, _, form = words.film_words(diagnosis.film).partition(", ")
         found.append((kind, form))
     return found
 
@@ -356,22 +303,15 @@ def _effects(diagnosis: Diagnosis) -> str:
         return paragraph("None is named.")
     head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "or instead of it"]
     rows = []
-    for f in by_gain(diagnosis):
-        values = parameters(f, ";\n")
-        gains = [
-            f"{channels_of(diagnosis)[key][0]} \N{MULTIPLICATION SIGN} {g.rmse_before / max(g.rmse_after, 1e-300):.3g}"
-            for key, g in f.gain.items()
-        ]
+    for f in words.by_gain(diagnosis):
+        values = words.parameters(f, ";\n")
+        called = {key: what for key, (what, _) in words.channels_of(diagnosis).items()}
+        times = {key: g.rmse_before / max(g.rmse_after, 1e-300) for key, g in f.gain.items()}
+        gains = [f"{called[key]} \N{MULTIPLICATION SIGN} {factor:.3g}" for key, factor in times.items()]
         other = ", ".join(f.indistinguishable_from) or "\N{EN DASH}"
         gained = ", ".join(gains) or "\N{EN DASH}"
         rows.append([f.name, values, f"{f.evidence:,.0f}", f"{f.false_alarm:.2g}", gained, other])
     return table(head, rows)
-
-
-def _assumed(diagnosis: Diagnosis) -> list[str]:
-    """The effects that --assume gave."""
-    lines = assumed_lines(diagnosis)
-    return [paragraph("Assumed to be there, in the base model too:"), bullets(lines)] if lines else []
 
 
 def _not_named(diagnosis: Diagnosis, as_model: bool) -> list[str]:
@@ -383,12 +323,12 @@ def _not_named(diagnosis: Diagnosis, as_model: bool) -> list[str]:
         note += f"The model with the first of them is {CANDIDATE}."
     else:
         note += "Written as a model file, none of them predicts these rows better than the named effects."
-    return [section("Candidates that are not named", bullets(not_named(diagnosis)), paragraph(note, "note"))]
+    return [section("Candidates that are not named", bullets(words.not_named(diagnosis)), paragraph(note, "note"))]
 
 
 def _limits(diagnosis: Diagnosis) -> list[str]:
     """A section with the upper limits."""
-    rows = [list(row) for row in limit_rows(diagnosis)]
+    rows = [list(row) for row in words.limit_rows(diagnosis)]
     if not rows:
         return []
     head = ["effect", "size that this record allows (95 %)", "typical range"]
@@ -404,10 +344,10 @@ def _plate(diagnosis: Diagnosis) -> list[str]:
     rows = []
     for name, (value, ci) in plate.parameters.items():
         width = 0.0 if ci is None else ci[1] - ci[0]
-        interval = NOT_FIXED if ci is None else f"{number(ci[0], width)} to {number(ci[1], width)}"
-        what, unit = split_unit(name)
-        rows.append([f"{what} / {unit}" if unit else what, number(value, width), interval])
-    rooms = [paragraph(f"Each record's room: {line}.", "note") for line in room_line(diagnosis)]
+        interval = words.NOT_FIXED if ci is None else f"{words.number(ci[0], width)} to {words.number(ci[1], width)}"
+        what, unit = words.split_unit(name)
+        rows.append([f"{what} / {unit}" if unit else what, words.number(value, width), interval])
+    rooms = [paragraph(f"Each record's room: {line}.", "note") for line in words.room_line(diagnosis)]
     doubts = [paragraph("Doubtful:"), bullets(plate.doubts)] if plate.doubts else []
     return [section(f"The plate ({plate.kind})", table(["parameter", "value", "95 % interval"], rows), *rooms, *doubts)]
 
@@ -416,11 +356,11 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
     """A description of each effect, and what the columns mean."""
     known = diagnosis.search.known
     found = [known[f.name] for f in diagnosis.findings if f.name in known]
-    words = [f"{effect.name} ({effect.link}): {effect.changes}." for effect in found]
-    if not words:
+    changes = [f"{effect.name} ({effect.link}): {effect.changes}." for effect in found]
+    if not changes:
         return []
     return [
-        bullets(words),
+        bullets(changes),
         paragraph(
             "Evidence: the fall of the log-likelihood if the effect is removed and everything else is fitted again. "
             "Error without it: RMS error in held-out rows, relative to the extended model's.",
@@ -430,9 +370,9 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
 
 
 def _left(diagnosis: Diagnosis) -> list[str]:
-    left = left_over(diagnosis)
+    left = words.left_over(diagnosis)
     parts = [bullets(f"Residual structure, {text}" for text in left)] if left else [paragraph("The residual is noise.")]
-    warnings = [f"Warning, {w.code.replace('_', ' ')}: {warning_line(diagnosis, w)}" for w in diagnosis.warnings]
+    warnings = [f"Warning, {w.code.replace('_', ' ')}: {words.warning_line(diagnosis, w)}" for w in diagnosis.warnings]
     if warnings:
         parts.append(bullets(warnings))
     if diagnosis.next_experiment:
@@ -456,13 +396,8 @@ def _runners_up(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-RANK = (
-    "partly_unexplained",
-    "explained",
-    "unexplained",
-    "too_short",
-    "clean",
-)  # what there is to do about it, most first
+# what there is to do about it, most first
+RANK = ("partly_unexplained", "explained", "unexplained", "too_short", "clean")
 
 
 @dataclass(frozen=True)
@@ -484,44 +419,36 @@ def told(
     further: Sequence[Record] = (),
     say: Callable[[str], None] = lambda text: None,
 ) -> RecordReport:
-    """Diagnose a record. record, holdout: `Record`s, or what an engine shares of them. model: where its model will
-    stand; None: nowhere. report: whether its files are wanted; None: where the model is. further: records that are
-    diagnosed with it as one; say: takes progress."""
-    _know(options.effect_files)
+    """Diagnose a record.
+
+    record, holdout: `Record`s, or what an engine shares of them. model: where its model will stand; None: nowhere.
+    report: True if its files are wanted; None: where the model is. further: records that are diagnosed with it as one;
+    say: takes progress.
+    """
+    add_effect_files(options.effect_files)
     one: Record = given(record)
     earlier = earlier_film_records(one.source, say)
-    together = [one, *further]
+    records = [one, *further]
     asked = replace(options.asked, assume=parse_assumed_effects(options.assume))
     try:
-        diagnosis, extended = diagnosed(together, asked, [given(other) for other in holdout], earlier, say)
+        diagnosis, extended = diagnosed(records, asked, [given(other) for other in holdout], earlier, say)
     except Faults as faults:
         return RecordReport(faults=tuple(faults.lines))
-    if model is not None:
-        diagnosis = with_model(diagnosis, model)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if model is not None:
-            write_model(folder / MODEL, _of_records(extended, together, earlier), model_comment(diagnosis))
+            diagnosis = with_model(diagnosis, model)
+            film_of = [*records, *(earlier if extended.further else [])]
+            write_model(folder / MODEL, fitted_to(model_of(extended), film_of), words.model_comment(diagnosis))
         if report if report is not None else model is not None:
             for candidate in diagnosis.candidates[:1]:
                 tried = extended_model(candidate.fit, diagnosis.record)
-                comment = f"with what was found in {records_of(diagnosis)} and is not named: "
-                comment = "\n".join([comment + ", ".join(candidate.names), *unit_lines(diagnosis)])
-                write_model(folder / CANDIDATE, _of_records(tried, together, ()), comment)
+                comment = f"with what was found in {words.together(diagnosis)} and is not named: "
+                comment = "\n".join([comment + ", ".join(candidate.names), *words.unit_lines(diagnosis)])
+                write_model(folder / CANDIDATE, fitted_to(model_of(tried), records), comment)
             write_diagnosis_report(folder, diagnosis)
         files = files_in(folder)
-    return RecordReport(diagnosis.document(), tuple(lines(diagnosis)), files)
-
-
-def _of_records(extended: ExtendedModel, together: Sequence[Record], before: Sequence[Record]) -> Model:
-    """The model, with the records that told its film, where they are files."""
-    return fitted_to(model_of(extended), [*together, *(before if extended.further else [])])
-
-
-@lru_cache
-def _know(effect_files: tuple[Path, ...]) -> None:
-    """Once a process."""
-    add_effect_files(effect_files)
+    return RecordReport(diagnosis.document(), tuple(words.lines(diagnosis)), files)
 
 
 def _rank(row: Mapping[str, Any]) -> tuple[int, float, int]:

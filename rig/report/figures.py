@@ -184,12 +184,12 @@ def write_svg(path: Path, text: str) -> None:
     write_text(path, text.replace("<defs>", f"<defs><style>{dark_style('svg')}</style>", 1))
 
 
-def saved(figure: Figure, folder: Path, name: str) -> str:
-    """Write folder/figures/NAME.svg; return the two SVG elements for a page, wide and narrow."""
-    wide = svg_text(figure)
+def saved(drawn: Figure, folder: Path, name: str, caption: str) -> str:
+    """Write folder/figures/NAME.svg; return the figure for a page, wide and narrow, with its caption."""
+    wide = svg_text(drawn)
     (folder / "figures").mkdir(exist_ok=True)
     write_svg(folder / "figures" / f"{name}.svg", wide)
-    return both_widths(figure, name, wide)
+    return figure(both_widths(drawn, name, wide), caption)
 
 
 def both_widths(figure: Figure, name: str, wide: str) -> str:

@@ -15,7 +15,6 @@ from rig.report.figures import (
     COLOURS,
     EDGE,
     draw_line,
-    figure,
     links,
     new_figure,
     paragraph,
@@ -161,7 +160,7 @@ def _courses(out: Path, first: TargetError, after: TargetError) -> str:
     quantity = {"dec": "log10 R", "K": "temperature"}.get(first.unit, "output")
     text = f"The error over time, measured - wanted {quantity}: of the first run, and with the "
     text += "extended model. Both have the same scale."
-    return figure(saved(fig, out, "errors"), text)
+    return saved(fig, out, "errors", text)
 
 
 def _reports(i: Improvement) -> list[tuple[str, str]]:

@@ -32,7 +32,6 @@ from rig.report.figures import (
     GREEN,
     bullets,
     draw_line,
-    figure,
     grid,
     legend_above,
     log_scale,
@@ -49,6 +48,7 @@ from sim.inference.transition.forc import Forc
 
 SENSE_COLOURS = {"heating": COLOURS["model"], "cooling": COLOURS["measured"]}
 DEGREE = "\N{DEGREE SIGN}C"
+LOOP = "The record, and the model over it."
 MODEL_LINE = (0, (4, 2))  # dashes, through which the readings are seen
 
 
@@ -71,13 +71,12 @@ def plate_figure(folder: Path, one: PlateComparison, suffix: str = "") -> str:
     """Draw measured and simulated temperature over time, the residual, and the drive; return the page's figure."""
     fig, axes = new_figure(3, 6.4, [3.0, 1.6, 1.4])
     draw_measured_and_model(axes[0], one.time_s, one.measured_degC, one.simulated_degC)
-    axes[0].set_ylabel(f"temperature / {DEGREE}")
     draw_residual(axes[1], one.time_s, residual(one.measured_degC, one.simulated_degC))
-    axes[1].set_ylabel("measured - model\n/ K")
     draw_line(axes[2], one.time_s, one.drive_A, held=True, color=COLOURS["current"], linewidth=0.9)
-    axes[2].set_ylabel("current / A" if one.drive is None else "drive\n/ of full drive")
-    axes[2].set_xlabel("time / s")
-    return figure(saved(fig, folder, f"plate{suffix}"), "The plate's temperature, simulated from its drive alone.")
+    axes[0].set_ylabel(f"temperature / {DEGREE}")
+    axes[1].set_ylabel("measured - model\n/ K")
+    axes[2].set(xlabel="time / s", ylabel="current / A" if one.drive is None else "drive\n/ of full drive")
+    return saved(fig, folder, f"plate{suffix}", "The plate's temperature, simulated from its drive alone.")
 
 
 def draw_measured_and_model(axes: Axes, time_s: Array, measured: Array, model: Array) -> None:
@@ -90,131 +89,98 @@ def draw_measured_and_model(axes: Axes, time_s: Array, measured: Array, model: A
 def draw_residual(axes: Axes, over: Array, left: Array) -> None:
     """Draw a dot for each row's residual."""
     axes.axhline(0.0, color=EDGE, linewidth=0.6)
-    x, shown = thinned(over, left)
-    axes.plot(x, shown, ".", markersize=2, color=COLOURS["model"])
+    axes.plot(*thinned(over, left), ".", markersize=2, color=COLOURS["model"])
 
 
 def drawn_over_time(time_s: Array, errors: Sequence[ChannelError]) -> Figure:
     """Draw measured and predicted over time, a panel for each channel."""
     fig, axes = new_figure(max(1, len(errors)), 3.4 * max(1, len(errors)))
     for axis, error in zip(axes, errors, strict=False):
-        plate = error.name == "temperature_degC"
-        measured, predicted = error.measured, error.predicted
-        if not plate:
-            measured, predicted = shown_output(measured, error.name), shown_output(predicted, error.name)
-        draw_measured_and_model(axis, time_s, measured, predicted)
-        axis.set_ylabel(f"temperature / {DEGREE}" if plate else label_of(error.name))
-        if not plate and in_decades(error.name):
+        shown, label = [error.measured, error.predicted], f"temperature / {DEGREE}"
+        if error.name != "temperature_degC":
+            shown, label = [shown_output(values, error.name) for values in shown], label_of(error.name)
+        draw_measured_and_model(axis, time_s, *shown)
+        axis.set_ylabel(label)
+        if in_decades(error.name):
             log_scale(axis)
     axes[-1].set_xlabel("time / s")
     return fig
 
 
-def loop_figure(
-    folder: Path, time_s: Array, degC: Array, measured: Array, model: Array, output: str, suffix: str = ""
-) -> str:
-    """Draw output over temperature, measured and modelled, arrays of shape (rows,); return the page's figure."""
-    fig = drawn_loop(time_s, degC, measured, model, output)
-    return figure(saved(fig, folder, f"loop{suffix}"), "The record, and the model over it.")
-
-
 def drawn_loop(time_s: Array, degC: Array, measured: Array, model: Array, output: str) -> Figure:
     """Draw output over temperature, measured and modelled, arrays of shape (rows,)."""
-    fig, axes = new_figure(1, 4.6)
-    t, one = thinned(degC, shown_output(measured, output))
-    axes[0].plot(t, one, ".", markersize=3, color=COLOURS["measured"], label="measured")
-    draw_line(
-        axes[0],
-        time_s,
-        shown_output(model, output),
-        over=degC,
-        color=COLOURS["model"],
-        linewidth=1.1,
-        label="model",
-    )
-    axes[0].set_xlabel(f"temperature / {DEGREE}")
-    axes[0].set_ylabel(label_of(output))
+    fig, (axes,) = new_figure(1, 4.6)
+    dots = thinned(degC, shown_output(measured, output))
+    axes.plot(*dots, ".", markersize=3, color=COLOURS["measured"], label="measured")
+    line: dict[str, Any] = {"color": COLOURS["model"], "linewidth": 1.1, "label": "model"}
+    draw_line(axes, time_s, shown_output(model, output), over=degC, **line)
+    axes.set(xlabel=f"temperature / {DEGREE}", ylabel=label_of(output))
     if in_decades(output):
-        log_scale(axes[0])
-    axes[0].legend(loc="best")
+        log_scale(axes)
+    axes.legend(loc="best")
     return fig
 
 
 def residual_figure(folder: Path, time_s: Array, degC: Array, left: Array, unit: str, suffix: str = "") -> str:
     """Draw the residual over time and over temperature, arrays of shape (rows,); return the page's figure."""
-    fig, axes = grid(1, 2, 2.9, sharey=True)
-    draw_residual(axes[0, 0], time_s, left)
-    draw_residual(axes[0, 1], degC, left)
-    axes[0, 0].set_xlabel("time / s")
-    axes[0, 1].set_xlabel(f"temperature / {DEGREE}")
-    axes[0, 0].set_ylabel(residual_label(unit))
-    return figure(saved(fig, folder, f"residual{suffix}"), f"The residual{_of(unit)} over time and over temperature.")
+    fig, ((over_time, over_degC),) = grid(1, 2, 2.9, sharey=True)
+    draw_residual(over_time, time_s, left)
+    draw_residual(over_degC, degC, left)
+    over_time.set(xlabel="time / s", ylabel=residual_label(unit))
+    over_degC.set_xlabel(f"temperature / {DEGREE}")
+    caption = f"The residual{' of log10 R' * (unit == 'dec')} over time and over temperature."
+    return saved(fig, folder, f"residual{suffix}", caption)
 
 
 def histogram_figure(folder: Path, left: Array, unit: str, suffix: str = "") -> str:
     """Draw the residual's histogram; return the page's figure."""
-    fig, axes = new_figure(1, 2.6)
+    fig, (axes,) = new_figure(1, 2.6)
     finite = left[np.isfinite(left)]
-    axes[0].hist(finite, bins="fd" if np.ptp(finite) > 0.0 and finite.size > 4 else 10, color=COLOURS["measured"])
-    axes[0].set_xlabel(residual_label(unit))
-    axes[0].set_ylabel("rows")
-    return figure(saved(fig, folder, f"histogram{suffix}"), f"Histogram of the residual{_of(unit)}.")
-
-
-def _of(unit: str) -> str:
-    """Return what a residual is of if its unit alone does not say it."""
-    return " of log10 R" if unit == "dec" else ""
+    axes.hist(finite, bins="fd" if np.ptp(finite) > 0.0 and finite.size > 4 else 10, color=COLOURS["measured"])
+    axes.set(xlabel=residual_label(unit), ylabel="rows")
+    caption = f"Histogram of the residual{' of log10 R' * (unit == 'dec')}."
+    return saved(fig, folder, f"histogram{suffix}", caption)
 
 
 def derivative_figure(folder: Path, curves: Mapping[str, Mapping[str, Any]], name: str, ylabel: str) -> str:
     """Draw the derivative of both branches with their bands, and mark the transition temperatures. curves: as of
     `FilmNumbers.shown`."""
-    fig, axes = new_figure(1, 3.8)
+    fig, (axes,) = new_figure(1, 3.8)
     for sense, curve in curves.items():
         degC, slope, half = (np.asarray(curve[key]) for key in ("degC", "slope", "half_width"))
         colour, place = SENSE_COLOURS[sense], curve["steepest_degC"]
-        axes[0].plot(degC, slope, color=colour, label=sense)
-        axes[0].fill_between(degC, slope - half, slope + half, color=colour, alpha=0.2, linewidth=0)
+        axes.plot(degC, slope, color=colour, label=sense)
+        axes.fill_between(degC, slope - half, slope + half, color=colour, alpha=0.2, linewidth=0)
         if place is not None:
-            axes[0].axvline(place, color=colour, linestyle="--", linewidth=1.0)
-            axes[0].annotate(
-                f" {place:.1f} {DEGREE} ",
-                (place, 1.01),  # above the axes, where no curve is
-                xycoords=("data", "axes fraction"),
-                ha="left" if sense == "heating" else "right",
-                color=colour,
-            )
-    axes[0].set_xlabel(f"temperature / {DEGREE}")
-    axes[0].set_ylabel(ylabel)
-    axes[0].legend(loc="best")
+            axes.axvline(place, color=colour, linestyle="--", linewidth=1.0)
+            above: dict[str, Any] = {
+                "xy": (place, 1.01),
+                "xycoords": ("data", "axes fraction"),
+            }  # the axes, where no curve is
+            side = "left" if sense == "heating" else "right"
+            axes.annotate(f" {place:.1f} {DEGREE} ", ha=side, color=colour, **above)
+    axes.set(xlabel=f"temperature / {DEGREE}", ylabel=ylabel)
+    axes.legend(loc="best")
     caption = "The derivative of each major branch with its 95 % band, and the transition temperatures."
-    return figure(saved(fig, folder, name), caption)
+    return saved(fig, folder, name, caption)
 
 
 def forc_figure(folder: Path, forc: Forc, name: str) -> str:
     """Draw the distribution of the first-order reversal curves."""
-    fig, axes = new_figure(1, 4.8)
+    fig, (axes,) = new_figure(1, 4.8)
     most = float(np.nanquantile(np.abs(forc.density), 0.995))
-    mesh = axes[0].pcolormesh(
-        forc.grid_degC,
-        forc.grid_reversal_degC,
-        np.ma.masked_invalid(forc.density),
-        cmap="RdBu_r",
-        norm=TwoSlopeNorm(0.0, -most, most),
-        rasterized=True,
-        shading="nearest",
-    )
-    bar = fig.colorbar(mesh, ax=axes[0])
-    bar.set_label("rho / (1/K\N{SUPERSCRIPT TWO})")
-    axes[0].plot(forc.reversal_degC, forc.reversal_degC, ".", color=GREEN, markersize=4)
-    axes[0].set_xlabel(f"temperature T / {DEGREE}")
-    axes[0].set_ylabel(f"reversal T_r / {DEGREE}")
-    axes[0].grid(visible=False)
+    density = np.ma.masked_invalid(forc.density)
+    style: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -most, most), "rasterized": True}
+    mesh = axes.pcolormesh(forc.grid_degC, forc.grid_reversal_degC, density, shading="nearest", **style)
+    fig.colorbar(mesh, ax=axes).set_label("rho / (1/K\N{SUPERSCRIPT TWO})")
+    axes.plot(forc.reversal_degC, forc.reversal_degC, ".", color=GREEN, markersize=4)
+    axes.set(xlabel=f"temperature T / {DEGREE}", ylabel=f"reversal T_r / {DEGREE}")
+    axes.grid(visible=False)
     caption = (
         f"FORC diagram of the readings, {forc.reversal_degC.size} curves of {forc.sense}; dots: where they turn round. "
         f"Windows {2 * forc.window_K[0]:.1f} K along T_r, {2 * forc.window_K[1]:.1f} K along T."
     )
-    return figure(saved(fig, folder, name), caption)
+    return saved(fig, folder, name, caption)
 
 
 Say = Callable[[str], None]
@@ -318,12 +284,12 @@ def _write_identification_page(folder: Path, found: Identified, result: Mapping[
         suffix = f"_{k + 1}" if len(compared) > 1 else ""
         name = f" of {Path(one.source).name}" if suffix else ""
         parts.append(transition_section(folder, own.shown(), suffix, f"The transition{name}", own.forc))
-        left = residual(one.measured, one.modelled, found.output)
+        rows, left = (one.time_s, one.degC), residual(one.measured, one.modelled, found.output)
         parts.append(
             section(
                 f"The model over the record{name}",
-                loop_figure(folder, one.time_s, one.degC, one.measured, one.modelled, found.output, suffix),
-                residual_figure(folder, one.time_s, one.degC, left, unit, suffix),
+                saved(drawn_loop(*rows, one.measured, one.modelled, found.output), folder, f"loop{suffix}", LOOP),
+                residual_figure(folder, *rows, left, unit, suffix),
             )
         )
     if film is not None:
@@ -392,10 +358,11 @@ def write_prediction_report(
             (f"{one.max_abs:.3g} {one.unit}", "largest error"),
         ]
         suffix = "_plate" if plate else ""
-        over_time = saved(drawn_over_time(time_s, [one]), folder, f"over_time{suffix}")
-        shown = [figure(over_time, "Measured and predicted, over time.")]
+        caption = "Measured and predicted, over time."
+        shown = [saved(drawn_over_time(time_s, [one]), folder, f"over_time{suffix}", caption)]
         if not plate:
-            shown.append(loop_figure(folder, time_s, degC, one.measured, one.predicted, one.name))
+            loop = drawn_loop(time_s, degC, one.measured, one.predicted, one.name)
+            shown.append(saved(loop, folder, "loop", LOOP))
         shown += [
             residual_figure(folder, time_s, degC, one.residual, one.unit, suffix),
             histogram_figure(folder, one.residual, one.unit, suffix),

@@ -6,11 +6,11 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.error import (
@@ -45,7 +45,6 @@ from rig.report.figures import (
     SHADE,
     bullets,
     draw_line,
-    figure,
     legend_above,
     links,
     log_scale,
@@ -82,7 +81,6 @@ def write_run_page(run: RunRows, out: Path) -> None:
 
 def _error_figure(out: Path, runs: Mapping[str, RunRows]) -> str:
     """Draw the error of each run, by the name of its law, in a panel; return the page's figure."""
-    first = next(iter(runs.values()))
     fig, axes = new_figure(len(runs), 1.6 + 1.5 * len(runs))
     for axis, (law, run) in zip(axes, runs.items(), strict=True):
         found = target_error(run)
@@ -90,23 +88,18 @@ def _error_figure(out: Path, runs: Mapping[str, RunRows]) -> str:
         in_decades, kelvin = found.unit == "dec", found.unit == "K"
         if in_decades:
             axis.axhspan(-BAND_DEC, BAND_DEC, color=SHADE, zorder=0)
-        _course(axis, found.time_s, found.error, COLOURS.get("temperature" if kelvin else law, COLOURS["measured"]))
+        colour = COLOURS.get("temperature" if kelvin else law, COLOURS["measured"])
+        axis.axhline(0.0, color=EDGE, linewidth=0.6)
+        draw_line(axis, found.time_s, found.error, color=colour, linewidth=1.0)
+        k = int(np.nanargmax(np.abs(found.error)))  # a dot where it is largest
+        axis.plot(found.time_s[k : k + 1], found.error[k : k + 1], "o", color=colour, markersize=4)
         axis.set_ylabel(f"measured - wanted / {found.unit}" if kelvin else f"{law}: measured\n- wanted / {found.unit}")
     axes[-1].set_xlabel("time of the target / s")
-    what = "temperature" if kelvin else "log10 R" if in_decades else tracked(first).name
+    what = "temperature" if kelvin else "log10 R" if in_decades else tracked(run).name
     text = f"The error over time, measured - wanted {what}."
     text += " Each law has its own scale." * (len(runs) > 1)
     text += f" Shaded: ± {BAND_DEC:g} decades." * in_decades
-    return figure(saved(fig, out, "errors"), text)
-
-
-def _course(axis: Axes, time: Array, error: Array, colour: str) -> None:
-    """Draw the error over time, with a dot where it is largest."""
-    axis.axhline(0.0, color=EDGE, linewidth=0.6)
-    draw_line(axis, time, error, color=colour, linewidth=1.0)
-    if np.any(np.isfinite(error)):
-        k = int(np.nanargmax(np.abs(error)))
-        axis.plot(time[k : k + 1], error[k : k + 1], "o", color=colour, markersize=4)
+    return saved(fig, out, "errors", text)
 
 
 def _courses(run: RunRows, out: Path, phase: str | None = None) -> str:
@@ -116,23 +109,29 @@ def _courses(run: RunRows, out: Path, phase: str | None = None) -> str:
     own = [name for name in run.columns if name not in OF_A_RUN and not name.startswith(("target_", "predicted_"))]
     film = ["resistance_ohm", *own][-1]  # or another quantity that the meter's voltage stands for
     readings, wanted = run.column(film)[inside], run.column("setpoint_degC" if phase is None else "reference_degC")
-    measured = bool(np.any(np.isfinite(readings)))
+    measured, wanted = bool(np.any(np.isfinite(readings))), wanted[inside]
     fig, axes = new_figure(3, 7.6, [2.2, 1.3, 1.0]) if measured else new_figure(2, 5.0)
     time = time if phase is None else time - time[0]
+    drive, unit = drive_label(run)
+    panels = [(axes[-2], degC, wanted, "temperature / \N{DEGREE SIGN}C", COLOURS["temperature"])]
     if measured:
         target = run.column("target_ohm" if film == "resistance_ohm" else f"target_{film}")[inside]
-        _draw_measured_and_wanted(axes[0], time, readings, target, COLOURS["measured"])
+        panels.append((axes[0], readings, target, film.replace("_", " / ", 1), COLOURS["measured"]))
         if film == "resistance_ohm":
             log_scale(axes[0])
-        axes[0].set_ylabel(film.replace("_", " / ", 1))
-    _draw_measured_and_wanted(axes[-2], time, degC, wanted[inside], COLOURS["temperature"])
-    axes[-2].set_ylabel("temperature / \N{DEGREE SIGN}C")
-    _draw_drive(axes[-1], run, time, current)
-    axes[-1].set_xlabel("time / s" if phase is None else "time of the target / s")
-    names = [*([film.partition("_")[0]] if measured else []), "temperature", f"{drive_label(run)[0]} (positive heats)"]
-    dashed = "; dashed: what was wanted" if np.any(np.isfinite(wanted[inside])) else ""
-    caption = f"{', '.join(names)}{dashed}.".capitalize()
-    return figure(saved(fig, out, "courses"), caption)
+    for axis, read, asked, label, colour in panels:
+        draw_line(axis, time, read, color=colour, label="measured", linewidth=1.5)
+        if np.any(np.isfinite(asked)):
+            style: dict[str, Any] = {"color": COLOURS["target"], "linestyle": (0, (4, 2)), "linewidth": 1.1}
+            draw_line(axis, time, asked, label="wanted", **style)
+            legend_above(axis)
+        axis.set_ylabel(label)
+    axes[-1].axhline(0.0, color=EDGE, linewidth=0.6)
+    draw_line(axes[-1], time, current, held=True, color=COLOURS["current"], linewidth=0.9)
+    axes[-1].set(xlabel="time / s" if phase is None else "time of the target / s", ylabel=f"{drive} / {unit}")
+    names = [*([film.partition("_")[0]] if measured else []), "temperature", f"{drive} (positive heats)"]
+    dashed = "; dashed: what was wanted" if np.any(np.isfinite(wanted)) else ""
+    return saved(fig, out, "courses", f"{', '.join(names)}{dashed}.".capitalize())
 
 
 def _facts(run: RunRows) -> str:
@@ -158,22 +157,6 @@ def _punctuality(ticks: Mapping[str, float]) -> str:
     if count := ticks.get("unacknowledged"):
         text += f"; {count} command{'s' * (count > 1)} not acknowledged"
     return text + "."
-
-
-def _draw_measured_and_wanted(axes: Axes, time_s: Array, measured: Array, wanted: Array, colour: str) -> None:
-    """Draw a reading over time and, if there is one, its target."""
-    draw_line(axes, time_s, measured, color=colour, label="measured", linewidth=1.5)
-    if np.any(np.isfinite(wanted)):
-        style = (0, (4, 2))
-        draw_line(axes, time_s, wanted, color=COLOURS["target"], linestyle=style, linewidth=1.1, label="wanted")
-        legend_above(axes)
-
-
-def _draw_drive(axes: Axes, run: RunRows, time_s: Array, current: Array) -> None:
-    """Draw what drove the plate."""
-    axes.axhline(0.0, color=EDGE, linewidth=0.6)
-    draw_line(axes, time_s, current, held=True, color=COLOURS["current"], linewidth=0.9)
-    axes.set_ylabel(" / ".join(drive_label(run)))
 
 
 def _write_profile_page(run: RunRows, out: Path) -> None:
@@ -262,28 +245,23 @@ def _numbers(
     return numbers
 
 
-def _label(what: Tracked) -> str:
-    return f"{what.name} / {'ohm' if what.in_ohm else what.unit}"
-
-
 def _loop(run: RunRows, what: Tracked, out: Path, own: str) -> str:
-    inside = run.column("phase") != TRACK
-    fig, axes = new_figure(1, 4.6)
-    for rows, colour, name in (
-        (inside, EDGE, "conditioning and approach"),
-        (~inside, COLOURS.get(own, COLOURS["measured"]), "tracking"),
-    ):
-        time, degC, shown = (run.column(each)[rows] for each in ("time_s", "temperature_degC", what.measured))
-        draw_line(axes[0], time, shown, over=degC, color=colour, linewidth=1.1, label=name)
-    axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
-    axes[0].set_ylabel(_label(what))
+    fig, (axes,) = new_figure(1, 4.6)
+    tracking, columns = run.column("phase") == TRACK, ("time_s", "temperature_degC", what.measured)
+    parts = [
+        (~tracking, EDGE, "conditioning and approach"),
+        (tracking, COLOURS.get(own, COLOURS["measured"]), "tracking"),
+    ]
+    for rows, colour, name in parts:
+        time, degC, shown = (run.column(each)[rows] for each in columns)
+        draw_line(axes, time, shown, over=degC, color=colour, linewidth=1.1, label=name)
+    unit = "ohm" if what.in_ohm else what.unit
+    axes.set(xlabel="temperature / \N{DEGREE SIGN}C", ylabel=f"{what.name} / {unit}")
     if what.in_ohm:
-        log_scale(axes[0])
-    axes[0].legend(loc="best")
-    return figure(
-        saved(fig, out, "loop"),
-        f"{what.name.capitalize()} over temperature: each turning point of the target begins a minor loop.",
-    )
+        log_scale(axes)
+    axes.legend(loc="best")
+    text = f"{what.name.capitalize()} over temperature: each turning point of the target begins a minor loop."
+    return saved(fig, out, "loop", text)
 
 
 def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) -> str:
@@ -360,18 +338,13 @@ def _write_ended_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> 
 def _events(path: Path) -> list[list[str]]:
     """Return the last events; a line that was cut off is left out."""
     rows: list[list[str]] = []
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return []
-    for line in lines:
-        try:
-            event: Any = json.loads(line)
-            kind, text = str(event["event"]).replace("_", " "), str(event["text"])
-            short = text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
-            rows.append([f"{float(event['time_s']):.2f}", kind, short])
-        except (ValueError, KeyError, TypeError):
-            continue
+    with suppress(OSError):
+        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+            with suppress(ValueError, KeyError, TypeError):
+                event: Any = json.loads(line)
+                kind, text = str(event["event"]).replace("_", " "), str(event["text"])
+                short = text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+                rows.append([f"{float(event['time_s']):.2f}", kind, short])
     return rows[-LAST_EVENTS:]
 
 
@@ -400,17 +373,12 @@ def _write_calibration_page(run: RunRows, out: Path) -> None:
     film = [_loops(run, out, predicted)]
     if predicted is not None:
         film.append(_residual(run, out, predicted))
-    parts = [
-        _facts(run),
-        tiles(numbers),
-        section("The film", *film),
-        *([transition_section(out, result["transition"])] if result.get("transition") else []),
-        section(
-            NOT_DETERMINED,
-            bullets(doubts) if doubts else paragraph("Nothing: it determines film and plate."),
-        ),
-        section("The plate", table(["parameter", *PLATE_HEAD], rows), _courses(run, out)),
-    ]
+    unknown = bullets(doubts) if doubts else paragraph("Nothing: it determines film and plate.")
+    parts = [_facts(run), tiles(numbers), section("The film", *film)]
+    if result.get("transition"):
+        parts.append(transition_section(out, result["transition"]))
+    parts.append(section(NOT_DETERMINED, unknown))
+    parts.append(section("The plate", table(["parameter", *PLATE_HEAD], rows), _courses(run, out)))
     write_page(out / "report.html", f"{run.path.name}: film and plate", lead, parts)
 
 
@@ -423,7 +391,7 @@ def _predicted(path: Path, rows: int) -> Array | None:
 
 
 def _loops(run: RunRows, out: Path, predicted: Array | None) -> str:
-    fig, axes = new_figure(1, 4.8)
+    fig, (axes,) = new_figure(1, 4.8)
     time, degC, ohm = (run.column(name) for name in ("time_s", "temperature_degC", "resistance_ohm"))
     checked = run.column(PHASE) == "check"
     drawn: list[tuple[Any, Any, str, str, Any]] = [
@@ -433,26 +401,19 @@ def _loops(run: RunRows, out: Path, predicted: Array | None) -> str:
     if predicted is not None:
         drawn.append((checked, predicted, COLOURS["model"], "model", (0, (2, 2))))
     for rows, values, colour, name, style in drawn:
-        draw_line(axes[0], time[rows], values[rows], over=degC[rows], color=colour, linestyle=style, label=name)
-    axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
-    axes[0].set_ylabel("resistance / ohm")
-    log_scale(axes[0])
-    axes[0].legend(loc="upper right")
-    return figure(
-        saved(fig, out, "loops"),
-        "Major and minor loops, and the model's prediction over the held-out minor loops.",
-    )
+        draw_line(axes, time[rows], values[rows], over=degC[rows], color=colour, linestyle=style, label=name)
+    axes.set(xlabel="temperature / \N{DEGREE SIGN}C", ylabel="resistance / ohm")
+    log_scale(axes)
+    axes.legend(loc="upper right")
+    text = "Major and minor loops, and the model's prediction over the held-out minor loops."
+    return saved(fig, out, "loops", text)
 
 
 def _residual(run: RunRows, out: Path, predicted: Array) -> str:
-    fig, axes = new_figure(1, 2.4)
+    fig, (axes,) = new_figure(1, 2.4)
     time = run.column("time_s")
-    draw_residual(axes[0], time, residual_dec(run.column("resistance_ohm"), predicted))
+    draw_residual(axes, time, residual_dec(run.column("resistance_ohm"), predicted))
     checked = time[run.column(PHASE) == "check"]
-    axes[0].axvspan(float(checked[0]), float(checked[-1]), color=SHADE, zorder=0)
-    axes[0].set_xlabel("time / s")
-    axes[0].set_ylabel(residual_label("dec"))
-    return figure(
-        saved(fig, out, "residual"),
-        "The residual of log10 R over time; shaded: held-out rows.",
-    )
+    axes.axvspan(float(checked[0]), float(checked[-1]), color=SHADE, zorder=0)
+    axes.set(xlabel="time / s", ylabel=residual_label("dec"))
+    return saved(fig, out, "residual", "The residual of log10 R over time; shaded: held-out rows.")

@@ -20,7 +20,6 @@ from rig.report.figures import (
     RED,
     SOFT,
     bullets,
-    figure,
     grid,
     paragraph,
     saved,
@@ -130,4 +129,4 @@ def _figure(folder: Path, found: WholeLaw) -> str:
         "Left: Nyquist curves of the whole loop, and the circles of radius 1 / Ms about -1 that they must not "
         "enter. Right: sensitivity, the factor by which the loop changes an error at each frequency."
     )
-    return figure(saved(fig, folder, "margins"), caption)
+    return saved(fig, folder, "margins", caption)

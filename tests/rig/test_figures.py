@@ -17,7 +17,7 @@ def test_labels_of_a_log_scale_are_plain_text(tmp_path: Path, low_ohm: float, hi
     figure, axes = new_figure(1, 3.0)
     axes[0].plot(np.geomspace(low_ohm, high_ohm, 50))
     log_scale(axes[0])
-    text = saved(figure, tmp_path, "t")
+    text = saved(figure, tmp_path, "t", "caption")
     assert f">{label}<" in text
     assert "times" not in text
     assert not any("$" in tick.get_text() for tick in axes[0].get_yticklabels(which="both"))
