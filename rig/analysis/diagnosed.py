@@ -198,7 +198,9 @@ def diagnosed(
     asked = asked or Asked()
     first = records[0]
     require_different([*records, *holdout])
-    _require_times([*records, *holdout])
+    if timeless := [one.source for one in (*records, *holdout) if one.times == "rows"]:  # effects differ in their pace
+        text = "it has no times, only the order of its rows; a diagnosis needs them: expected --period SECONDS"
+        raise Faults(f"{source}: {text}" for source in timeless)
     output = rising(records, asked.output, say)
     telling = [usable_columns(one, output) for one in records]
     for note in dict.fromkeys(note for _, notes in telling for note in notes):
@@ -275,15 +277,8 @@ def on_other_records(
         HeldOutRecord(record.source, {key: (rms(b[key]), rms(a[key]), a[key].size) for key in a}, room)
         for record, b, a, room in zip(holdout, base.each, after.each, after.rooms_degC, strict=True)
     )
-    diagnosis = replace(
-        diagnosis,
-        verdict=verdict,
-        channels=channels,
-        findings=tuple(findings),
-        elsewhere=elsewhere,
-        written=written,  # type: ignore[arg-type]
-    )
-    return diagnosis, extended
+    news: dict[str, Any] = {"verdict": verdict, "channels": channels, "elsewhere": elsewhere, "written": written}
+    return replace(diagnosis, findings=tuple(findings), **news), extended
 
 
 def _gains(before: _Errors, after: _Errors) -> dict[str, Gain]:
@@ -366,17 +361,6 @@ def _require_alike(together: Sequence[Record], holdout: Sequence[Record]) -> Non
         f"{one.source}: current_A: missing; expected it in all records of a rig or in none"
         for one in together
         if not one.has("current_A") and any(other.has("current_A") for other in together)
-    ]
-    if lines:
-        raise Faults(lines)
-
-
-def _require_times(records: Sequence[Record]) -> None:
-    """Raises Faults: effects are told apart by how fast they are, and of a table without times nobody knows that."""
-    lines = [
-        f"{one.source}: it has no times, only the order of its rows; a diagnosis needs them: expected --period SECONDS"
-        for one in records
-        if one.times == "rows"
     ]
     if lines:
         raise Faults(lines)

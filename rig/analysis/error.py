@@ -150,13 +150,6 @@ def tracking_error(run: Rows) -> tuple[Array, Array]:
     return time - time[:1].sum(), error
 
 
-def profile_error(run: Rows) -> tuple[Array, Array]:
-    """Return time of the target (s) and error (K) of the rows that followed a temperature; nan if they had none."""
-    inside = run.column("phase") == PROFILE
-    time = run.column("time_s")[inside]
-    return time - time[:1].sum(), (run.column("temperature_degC") - run.column("setpoint_degC"))[inside]
-
-
 @dataclass(frozen=True, eq=False)
 class TargetError:
     """Error of a run against its target: of what the meter reads, or of a temperature. unit: of the error; time_s: of
@@ -193,10 +186,12 @@ class TargetError:
 
 def target_error(run: Rows) -> TargetError | None:
     """Return the error over the whole target; None if no row of the run followed a target with a reading."""
-    for unit, (time, error) in ((tracked(run).unit, tracking_error(run)), ("K", profile_error(run))):
-        if np.any(np.isfinite(error)):
-            return TargetError(unit, time, error)
-    return None
+    time, error = tracking_error(run)
+    if np.any(np.isfinite(error)):
+        return TargetError(tracked(run).unit, time, error)
+    inside = run.column("phase") == PROFILE
+    time, degC, wanted = (run.column(name)[inside] for name in ("time_s", "temperature_degC", "setpoint_degC"))
+    return TargetError("K", time - time[:1].sum(), degC - wanted) if np.any(np.isfinite(degC - wanted)) else None
 
 
 def score(run: Rows, law: str, limit_A: float) -> Score | None:

@@ -5,7 +5,7 @@ A run's folder keeps the model that its law used (model.toml), and a model names
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,12 +21,6 @@ from sim.inference.readings.output_sense import output_falls
 FURTHER_K = 1.0  # than the records went: a plate that is sent to the same end twice passes it by as much
 
 
-def record_paths(records: Iterable[Record]) -> tuple[str, ...]:
-    """Return the absolute paths of those records that are files, as a model file names them."""
-    paths = [Path(record.source).absolute() for record in records]
-    return tuple(str(path) for path in paths if path.is_file())
-
-
 def seen_degC(records: Sequence[Record]) -> tuple[float, float]:
     """Return the least and the largest temperature in records (degC)."""
     finite = [r["temperature_degC"][np.isfinite(r["temperature_degC"])] for r in records]
@@ -35,7 +29,9 @@ def seen_degC(records: Sequence[Record]) -> tuple[float, float]:
 
 def fitted_to(model: Model, records: Sequence[Record]) -> Model:
     """Return the model with the names and temperatures of the records (at least one) that its film was fitted to."""
-    return replace(model, film_records=record_paths(records), film_seen_degC=seen_degC(records))
+    paths = [Path(record.source).absolute() for record in records]
+    files = tuple(str(path) for path in paths if path.is_file())
+    return replace(model, film_records=files, film_seen_degC=seen_degC(records))
 
 
 def beyond_seen(model: Model, temperature_degC: Array, where: object) -> str | None:
@@ -60,18 +56,17 @@ def beyond_seen(model: Model, temperature_degC: Array, where: object) -> str | N
 def rising(records: Sequence[Record], output: str, say: Callable[[str], None]) -> str:
     """Return the output, or its negative if it falls as temperature rises. Raises Faults if no record has it."""
     if output != FALLING_RESISTANCE and not any(record.has_output(output) for record in records):
-        raise Faults([_missing(record, output) for record in records])
+        lines = []
+        for one in records:
+            name = column_of(output, one.columns)
+            what = f"no finite number in {one.rows} rows" if name in one.columns else "no such column"
+            lines.append(f"{one.source}: --output {output}: {name}: {what}; there are {', '.join(one.columns)}")
+        raise Faults(lines)
     if not output_falls([(r["temperature_degC"], r.output(output)) for r in records if r.has_output(output)]):
         return output
     other = other_sign(output)
     say(f"film: {output} falls as temperature rises: the model's output is {other}")
     return other
-
-
-def _missing(record: Record, output: str) -> str:
-    name = column_of(output, record.columns)
-    what = f"no finite number in {record.rows} rows" if name in record.columns else "no such column"
-    return f"{record.source}: --output {output}: {name}: {what}; there are {', '.join(record.columns)}"
 
 
 def earlier_film_records(source: str, say: Callable[[str], None] = lambda text: None) -> list[Record]:

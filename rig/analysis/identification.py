@@ -12,7 +12,6 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.inverse.check import Finding, check_model
 from rig.analysis.error import value_and_half
@@ -44,12 +43,6 @@ class FitOptions:
     compress: int | None = None
     plate: Literal["peltier", "heater"] = "peltier"
     seed: int = 0
-
-    @property
-    def of_the_film(self) -> dict[str, Any]:
-        """Arguments of `identify_film_records`."""
-        how = {"kind": self.kind, "form": self.form, "operators": self.operators, "initial": self.initial}
-        return {**how, "ordered": not self.violate_order, "seed": self.seed}
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,14 +153,11 @@ class Identified:
 
     def plate_comparisons(self) -> list[PlateComparison]:
         """Return each record with a current and the plate that was fitted, simulated stretch by stretch."""
-        fit = self.plate
-        if fit is None:
-            return []
-        compared = []
-        for record, simulated in zip(self.plate_records, fit.simulated_degC, strict=True):
-            time, degC, current = (record[name] for name in ("time_s", "temperature_degC", "current_A"))
-            compared.append(PlateComparison(record.source, time, degC, simulated, current, self.drive))
-        return compared
+        simulated = self.plate.simulated_degC if self.plate is not None else ()
+        return [
+            PlateComparison(one.source, one["time_s"], one["temperature_degC"], found, one["current_A"], self.drive)
+            for one, found in zip(self.plate_records, simulated, strict=True)
+        ]
 
     def _film_lines(self, fit: FilmFit) -> Iterator[str]:
         unit = unit_of(self.output)
@@ -240,19 +230,33 @@ def identified(records: Sequence[Record], options: FitOptions, say: Callable[[st
             text = "it has no times, so no plate is fitted; --period SECONDS says how far apart rows are"
             say(f"{record.source}: {text}")
     if not with_film and not with_plate:
-        raise _nothing_to_fit(records, options.output)
+        name, lines = column_of(options.output), []
+        for record in records:
+            there = [column for column in (name, "current_A") if column in record.columns]
+            what = f"{' and '.join(there)}: no finite number in {record.rows} rows" if there else "no such column"
+            expected = "expected one of them at least (--column maps names)"
+            lines.append(f"{record.source}: {name}, current_A: {what}; {expected}")
+        raise Faults(lines)
     output = rising(records, options.output, say)
     plate, film, compression, lag_s = None, None, None, 0.0
     courses: dict[int, Array] = {}
     if with_plate:
-        lagging = plate_fit(with_plate, options.plate, lag=True)
+        inputs = [PlateRecord(r["time_s"], r["temperature_degC"], r["current_A"], r.source) for r in with_plate]
+        try:
+            lagging = identify_plate_records(inputs, kind=options.plate, lag=True)
+        except ValueError as error:
+            raise _fault_of(with_plate, error) from None
         plate, lag_s = lagging.without_lag or lagging, lagging.lag_s
         if not plate.far_off:
             courses = {id(record): course for record, course in zip(with_plate, plate.course_degC, strict=True)}
     numbers: list[FilmNumbers] = []
     if with_film:
-        film = film_fit(with_film, output, [courses.get(id(record)) for record in with_film], **options.of_the_film)
-        compression = _compressed(film.model, with_film, options.compress) if options.compress is not None else None
+        film = _film_fit(with_film, output, [courses.get(id(record)) for record in with_film], options)
+        try:
+            if options.compress is not None:
+                compression = compress(film.model, options.compress, *seen_degC(with_film))
+        except ValueError as error:
+            raise fault("--compress", repr(options.compress), str(error)) from None
         for k, record in enumerate(with_film):
             found = numbers_of_record(record, output, film, k)
             numbers.append(doubted(found, modelled(film, k, record), record.output(output)))
@@ -285,53 +289,21 @@ def modelled(film: FilmFit, number: int, record: Record) -> Array:
     return np.where(np.isfinite(record["temperature_degC"]), output, np.nan)
 
 
-def _nothing_to_fit(records: Sequence[Record], output: str) -> Faults:
-    """Return the fault of records with neither a film nor a plate."""
-    name = column_of(output)
-    lines = []
-    for record in records:
-        there = [column for column in (name, "current_A") if column in record.columns]
-        what = f"{' and '.join(there)}: no finite number in {record.rows} rows" if there else "no such column"
-        lines.append(f"{record.source}: {name}, current_A: {what}; expected one of them at least (--column maps names)")
-    return Faults(lines)
-
-
-def _compressed(model: FilmModel, records: Sequence[Record], operators: int) -> Compression:
-    """Return the film with fewer operators. Raises Faults."""
-    try:
-        return compress(model, operators, *seen_degC(records))
-    except ValueError as error:
-        raise fault("--compress", repr(operators), str(error)) from None
-
-
-def film_fit(records: Sequence[Record], output: str, courses: Sequence[Array | None], **how: Any) -> FilmFit:
+def _film_fit(records: Sequence[Record], output: str, courses: Sequence[Array | None], options: FitOptions) -> FilmFit:
     """Fit a film, each reading of the resistance at its own time if the record has it. Raises Faults.
 
     courses: of each record the plate's temperature in its rows (degC) as the fit of the plate has it, None if there is
-    no such fit; how: as `identify_film_records`.
+    no such fit.
     """
-    inputs = [
-        FilmRecord(
-            r["time_s"],
-            r["temperature_degC"],
-            r.output(output),
-            r.source,
-            r["resistance_time_s"] if r.has("resistance_time_s") else None,
-            course,
-        )
-        for r, course in zip(records, courses, strict=True)
-    ]
+    inputs = []
+    for r, course in zip(records, courses, strict=True):
+        read_s = r["resistance_time_s"] if r.has("resistance_time_s") else None
+        row = FilmRecord(r["time_s"], r["temperature_degC"], r.output(output), r.source, read_s, course)
+        inputs.append(row)
+    how = {"kind": options.kind, "form": options.form, "operators": options.operators, "initial": options.initial}
     try:
-        return identify_film_records(inputs, output_name=output, **how)
-    except ValueError as error:
-        raise _fault_of(records, error) from None
-
-
-def plate_fit(records: Sequence[Record], kind: Any = "peltier", lag: bool = False) -> PlateFit:
-    """Fit a plate. lag: True if the thermometer's lag behind the plate is fitted too. Raises Faults."""
-    inputs = [PlateRecord(r["time_s"], r["temperature_degC"], r["current_A"], r.source) for r in records]
-    try:
-        return identify_plate_records(inputs, kind=kind, lag=lag)
+        ordered = not options.violate_order
+        return identify_film_records(inputs, output_name=output, ordered=ordered, seed=options.seed, **how)
     except ValueError as error:
         raise _fault_of(records, error) from None
 
@@ -372,11 +344,9 @@ def finding_documents(findings: Iterable[Finding]) -> list[dict[str, Any]]:
     """Return all findings for the JSON."""
     return [
         {
-            "kind": finding.kind,
-            "what": finding.what,
+            **{key: getattr(finding, key) for key in ("kind", "what", "advice")},
             "where_degC": list(finding.where_degC) if finding.where_degC else None,
             "operators": list(finding.operators),
-            "advice": finding.advice,
         }
         for finding in findings
     ]

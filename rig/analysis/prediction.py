@@ -29,7 +29,6 @@ from sim.inference.nuisance import LEAST_NOISE_DEC, Told, first_readings, fit_ow
 from sim.inference.record.record import Mask, own_noise, read_columns, told_of
 from sim.inference.record.record import Record as Rows
 from sim.model.chain import NO_PLATE, ChainModel
-from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, RecordOwn, long_gaps
 from sim.model.record_run import RecordRun, straight_path
 from sim.world.films import RisingFilm, film_of_world
@@ -80,9 +79,17 @@ def predicted(
     if plate and model.plate is not None:
         for name in missing_inputs(record, [name for name, _ in model.plate.inputs]):
             raise fault(record.source, name, f"missing; the plate of {where} is heated by it, too")
-    effects = _meaningful(model, where)
+    effects = model.switched()
+    for e in effects if model.film is not None and not in_decades(model.film.output) else ():
+        if of_resistances(e.effect):
+            text = f"{e.name}: has no meaning for the film output {model.film.output!r}"  # type: ignore[union-attr]
+            raise fault(where, "effects", text)
     fitted = initial == "fitted"
-    first_rows = _first_rows(rows, first_s, fitted)
+    if first_s is not None and not fitted:
+        raise fault("--first", f"{first_s:g}", "expected --initial fitted with it: else nothing is fitted")
+    if first_s is not None and not 0.0 < first_s < math.inf:
+        raise fault("--first", f"{first_s:g}", "expected a number of seconds > 0")
+    first_rows = told_rows(rows, first_s) if fitted else np.zeros(rows.rows, dtype=np.bool_)
     readings = _readings(rows, record, model.film, model.plate)
     if fitted and model.film is not None and readings.output is None:
         raise fault(record.source, column_of(model.film.output), "missing; --initial fitted needs readings to fit to")
@@ -104,17 +111,20 @@ def predicted(
     if drive == "temperature":
         effects = tuple(e for e in effects if not e.effect.before_film)
         chain = RecordRun(ChainModel(NO_PLATE, film, effects))
-        path = _as_read(rows, record, chain.spacing.longest_s)
+        known = np.isfinite(record["temperature_degC"])  # in between the readings are interpolated
+        degC = np.interp(rows.time_s, rows.time_s[known], record["temperature_degC"][known])
+        path = straight_path(rows.time_s, degC, chain.spacing.longest_s)
         of_film = RecordOwn(chain.ambient_degC, np.zeros(1), film=start)
         if fitted:
             of_film, _ = fit_own(chain, rows, readings.only(first_rows), start, path)
             own = replace(own, film=of_film.film, late=of_film.late) if own is not None else of_film
         output = chain.shown(rows, path, of_film)
-        known = np.isfinite(record["temperature_degC"])
     else:
         assert path is not None
         output, known = chain.shown(rows, path, first), _covered(rows, readings)
-    return Prediction(np.where(known, sense * output, math.nan), shown, drive, first_rows, own, _unseen_s(rows))
+    after = long_gaps(rows)
+    unseen_s = tuple((rows.time_s[after] - rows.time_s[after - 1]).tolist())
+    return Prediction(np.where(known, sense * output, math.nan), shown, drive, first_rows, own, unseen_s)
 
 
 def needs_test_current(effects: tuple[Switched, ...]) -> bool:
@@ -125,17 +135,6 @@ def needs_test_current(effects: tuple[Switched, ...]) -> bool:
 def missing_inputs(record: Record, names: Iterable[str]) -> list[str]:
     """Return those of some inputs that a record does not have."""
     return [name for name in names if not record.has(name)]
-
-
-def _meaningful(model: Model, where: object) -> tuple[Switched, ...]:
-    """Return the model's effects. Raises Faults for one that has no meaning for the film's output."""
-    effects = model.switched()
-    if model.film is not None and not in_decades(model.film.output):
-        for e in effects:
-            if of_resistances(e.effect):
-                text = f"{e.name}: has no meaning for the film output {model.film.output!r}"
-                raise fault(where, "effects", text)
-    return effects
 
 
 def _rows(record: Record) -> Rows:
@@ -179,21 +178,6 @@ def _start(film: FilmModel | None, initial: Initial | None, readings: Told) -> F
     return FilmStart(chosen, (float(readings.temperature_degC[np.isfinite(readings.temperature_degC)][0]),))
 
 
-def _first_rows(rows: Rows, first_s: float | None, fitted: bool) -> Mask:
-    """Return the rows to which the record's own state is fitted. Raises Faults for a wrong --first."""
-    if first_s is not None and not fitted:
-        raise fault("--first", f"{first_s:g}", "expected --initial fitted with it: else nothing is fitted")
-    if first_s is not None and not 0.0 < first_s < math.inf:
-        raise fault("--first", f"{first_s:g}", "expected a number of seconds > 0")
-    return told_rows(rows, first_s) if fitted else np.zeros(rows.rows, dtype=np.bool_)
-
-
-def _unseen_s(rows: Rows) -> tuple[float, ...]:
-    """Return the duration of each gap through which the film's memory is unknown."""
-    after = long_gaps(rows)
-    return tuple((rows.time_s[after] - rows.time_s[after - 1]).tolist())
-
-
 def _covered(rows: Rows, readings: Told) -> Mask:
     """Return True for the rows from the first reading of the thermometer on, in each stretch."""
     read, seen = np.isfinite(readings.temperature_degC), np.zeros(rows.rows, dtype=np.bool_)
@@ -202,13 +186,6 @@ def _covered(rows: Rows, readings: Told) -> Mask:
         if known.size:
             seen[begin + known[0] : end] = True
     return seen
-
-
-def _as_read(rows: Rows, record: Record, longest_s: float) -> PlatePath:
-    """Return the thermometer's readings, interpolated linearly."""
-    degC = record["temperature_degC"]
-    known = np.isfinite(degC)
-    return straight_path(rows.time_s, np.interp(rows.time_s, rows.time_s[known], degC[known]), longest_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +248,10 @@ class Comparison:
         """Return the lines for the terminal. first_s: duration of the fitted rows that was asked for, None: default."""
         lines = [*self.notes]
         if self.fitted:
-            values = ", ".join(f"{name} {_short(value)}" for name, value in self.fitted.items() if name != "rows")
+            shown = {
+                k: f"{v:.4g}" if isinstance(v, float) else "none" if v is None else v for k, v in self.fitted.items()
+            }
+            values = ", ".join(f"{name} {value}" for name, value in shown.items() if name != "rows")
             lines.append(f"fitted to {_fitted_rows_in_words(self.found, self.record['time_s'], first_s)}: {values}")
         return [*lines, *(error.in_words() for error in self.errors)]
 
@@ -304,7 +284,13 @@ def compared(
     ]
     if model.film is not None and needs_test_current(model.switched()) and not record.has("meter_current_A"):
         warnings.append(f"{record.source}: no meter_current_A: the model's self-heating is left out")
-    notes = [*record.left_out_lines(), _gap_note(found), _room_note(found, model)]
+    room = None  # the model's is of another day
+    if found.own is None and found.temperature_degC is not None and model.plate is not None:
+        room = (
+            f"room temperature taken from the model, {model.plate.ambient_degC:.1f} degC; --initial fitted fits it to "
+        )
+        room += "the record's first rows"
+    notes = [*record.left_out_lines(), _gap_note(found), room]
     return Comparison(
         record,
         found,
@@ -393,14 +379,6 @@ def _gap_note(found: Prediction) -> str | None:
     return f"{seen}by the first rows after, the film's memory is as if the temperature had gone to {degC} degC"
 
 
-def _room_note(found: Prediction, model: Model) -> str | None:
-    """Return a line if the room's temperature is the model's, of another day."""
-    if found.own is not None or found.temperature_degC is None or model.plate is None:
-        return None
-    room = f"{model.plate.ambient_degC:.1f} degC"
-    return f"room temperature taken from the model, {room}; --initial fitted fits it to the record's first rows"
-
-
 def _fitted_rows_in_words(found: Prediction, time_s: Array, first_s: float | None) -> str:
     """Return to which rows (time_s, shape (rows,)) the record's own state was fitted. first_s: as in `lines`."""
     fitted = found.fitted_rows.astype(np.int64)
@@ -412,7 +390,3 @@ def _fitted_rows_in_words(found: Prediction, time_s: Array, first_s: float | Non
     goes_on = ends < time_s.size
     fewer = first_s is not None and np.any(time_s[ends[goes_on]] - time_s[begins[goes_on]] <= first_s)
     return f"{text} (half of the rows at most: the rest is to be predicted)" if fewer else text
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else "none" if value is None else str(value)

@@ -76,12 +76,7 @@ def of_identification(document: dict[str, Any]) -> dict[str, Any]:
             row[name] = found["value"]
             if found.get("ci95"):
                 row[f"{name}.low"], row[f"{name}.high"] = found["ci95"]
-    return {name: value for name, value in row.items() if not is_missing(value)}
-
-
-def is_missing(value: Any) -> bool:
-    """Return True for a number that is not finite."""
-    return isinstance(value, (float, np.floating)) and not np.isfinite(value)
+    return {k: v for k, v in row.items() if not isinstance(v, (float, np.floating)) or np.isfinite(v)}
 
 
 FEWEST = 2  # runs on either side: of one alone nobody knows whether the run or the rig was another
@@ -244,13 +239,8 @@ def _of_rig(rig: str, runs: Sequence[Mapping[str, Any]]) -> list[Series]:
     found = []
     for name in names:
         effect, _, parameter = name.partition(".")
-        value, low, high = (
-            np.array([_number(run.get(key)) for run in runs]) for key in (name, f"{name}.low", f"{name}.high")
-        )
+        read = [[run.get(key) for run in runs] for key in (name, f"{name}.low", f"{name}.high")]
+        value, low, high = np.array([[v if isinstance(v, (int, float)) else math.nan for v in row] for row in read])
         error = (high - low) / (2.0 * NORMAL_95)
         found.append(Series(rig, effect, parameter, at, value, low, high, latest_change(value, error)))
     return found
-
-
-def _number(value: Any) -> float:
-    return float(value) if isinstance(value, (int, float)) else math.nan

@@ -109,7 +109,12 @@ def _rows_of_branches(table: Table) -> dict[str, Table]:
     """Return the tables of branches that stand below each other, if a column names the branch of each row and no column
     has times. Several loops stay as they are."""
     meanings = [column.meaning.ours for column in table.columns]
-    words = next((column.texts or [] for column in table.columns if _names_branches(column)), [])
+
+    def names_branches(texts: list[str]) -> bool:
+        words = set(texts) if texts and branch_in_name(texts[0])[0] else set()
+        return 0 < len(words) <= MOST_WORDS and {branch_in_name(word)[0] for word in words} == set(SENSES)
+
+    words = next(filter(names_branches, (column.texts or [] for column in table.columns)), [])
     if not words or "time_s" in meanings or meanings.count("temperature_degC") != 1:
         return {}
     senses = [branch_in_name(word)[0] for word in words]
@@ -118,13 +123,6 @@ def _rows_of_branches(table: Table) -> dict[str, Table]:
         return {}
     rows = {senses[0]: range(second), senses[second]: range(second, len(senses))}
     return {sense: _in_rows(table.select(part)) for sense, part in rows.items()}
-
-
-def _names_branches(column: Column) -> bool:
-    if not column.texts or not branch_in_name(column.texts[0])[0]:
-        return False
-    words = set(column.texts)
-    return len(words) <= MOST_WORDS and {branch_in_name(word)[0] for word in words} == set(SENSES)
 
 
 def _in_rows(table: Table) -> Table:

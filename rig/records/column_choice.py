@@ -63,12 +63,8 @@ class Choice:
 class ColumnChoice:
     """The columns of one table, chosen step by step.
 
-    Attributes
-    ----------
-    options : the user can type --column, so that faults may say what to type
-    chosen : choice for each of our columns
-    renamed : typed names of columns that are not ours, by index
-    faults, notes : lines for the user
+    options: the user can type --column, so that faults may say what to type. chosen: choice for each of our columns;
+    renamed: typed names of columns that are not ours, by index; faults, notes: lines for the user.
     """
 
     def __init__(self, table: Table, options: bool = True) -> None:
@@ -147,7 +143,7 @@ class ColumnChoice:
     def _check_unit(self, mapping: ColumnMapping, k: int, unit: str) -> None:
         """Add a fault if the column's name contradicts the unit. A column typed by number and unit is not checked."""
         ours = mapping.ours
-        other = contradicting_unit(self.names[k], self.table.columns[k].unit, unit_ending(ours))
+        other = self._contradicts(k, ours)
         by_number = mapping.unit_typed and mapping.theirs.strip().startswith("#")
         if not other or by_number or unit in RECIPROCALS:
             return
@@ -304,7 +300,7 @@ class ColumnChoice:
         named = [k for k in free if self.meanings[k].ours == ours]
         likely = [k for k in named if self._may_be(ours, k)]
         if not likely and ours == "time_s":
-            unknown = [k for k in free if self.meanings[k].ours is None and not self._has_other_unit(k, ours)]
+            unknown = [k for k in free if self.meanings[k].ours is None and not self._contradicts(k, ours)]
             likely = [k for k in unknown if is_time(self.firsts[k]) or (self._rises(k) and not self._counts_rows(k))]
         if not self.options:
             name = f"{ours.rpartition('_')[0]}_{OFFERED_UNITS[unit_ending(ours)][1]}"
@@ -324,8 +320,9 @@ class ColumnChoice:
         first, texts = self.firsts[k], self.table.columns[k].texts
         return texts is None or is_number(first) or (ours == "time_s" and is_time(first))
 
-    def _has_other_unit(self, k: int, ours: str) -> bool:
-        return bool(contradicting_unit(self.names[k], self.table.columns[k].unit, unit_ending(ours)))
+    def _contradicts(self, k: int, ours: str) -> str:
+        """Return the unit in a column's name if ours cannot have it, else ''."""
+        return contradicting_unit(self.names[k], self.table.columns[k].unit, unit_ending(ours))
 
     def _counts_rows(self, k: int) -> bool:
         values = self.values(k)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -41,46 +42,32 @@ ABSOLUTE_ZERO_DEGC = -273.15
 MOST_DEGC, MOST_A, MOST_OHM = 1e6, 1e5, 1e30  # beyond these not even outliers are; overrange is inf
 
 
-def find_implausible_values(
-    table: Table, values: Mapping[str, Array], chosen: Mapping[str, Choice], names: Sequence[str]
-) -> list[str]:
-    """Return a line for each column that cannot be what it was taken for.
-
-    Parameters
-    ----------
-    values : our columns in our units, each of shape (rows,)
-    chosen : the file's column and unit of each
-    names : of all columns of the file
-    """
-    if values["time_s"].size < 2:
-        return [f"{table.source}: {values['time_s'].size} rows: expected at least 2"]
-    check = _Check(table, values, chosen, names)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return [
-            *check.times(),
-            *check.resistance(),
-            *(line for name in OWNERS for line in check.temperature(name)),
-            *check.sizes(),
-            *check.current(),
-        ]
-
-
 @dataclass(frozen=True, eq=False)
 class _Check:
-    """The columns to check; each method returns lines for the user."""
+    """Check for columns that cannot be what they were taken for; each method returns lines for the user.
+
+    values: our columns in our units, each of shape (rows,); chosen: the file's column and unit of each; names: of all
+    columns of the file.
+    """
 
     table: Table
     values: Mapping[str, Array]
     chosen: Mapping[str, Choice]
     names: Sequence[str]
 
+    def all(self) -> list[str]:
+        """Return a line for each column that is not plausible."""
+        if self.values["time_s"].size < 2:
+            return [f"{self.table.source}: {self.values['time_s'].size} rows: expected at least 2"]
+        with np.errstate(over="ignore", invalid="ignore"):
+            temperatures = [line for name in OWNERS for line in self.temperature(name)]
+            return [*self.times(), *self.resistance(), *temperatures, *self.sizes(), *self.current()]
+
     def _line(self, text: str, row: int | None = None, rows: NDArray[np.intp] | None = None) -> str:
         """Return a line about the file or a row of it; rows: all that have the fault."""
-        place = "" if row is None else f"{self.table.place_of(row)}: "
-        more = ""
-        if rows is not None and rows.size > 1:
-            more = f" ({rows.size} such rows, to {self.table.place_of(int(rows[-1]))})"
-        return f"{self.table.source}: {place}{text}{more}"
+        several = rows is not None and rows.size > 1
+        more = f" ({rows.size} such rows, to {self.table.place_of(int(rows[-1]))})" if several else ""  # type: ignore
+        return f"{self.table.source}: {'' if row is None else f'{self.table.place_of(row)}: '}{text}{more}"
 
     def _wrong(self, name: str, rows: NDArray[np.intp], expected: str) -> list[str]:
         """Return a line about the first of some rows, if there are any."""
@@ -109,7 +96,11 @@ class _Check:
         steps = np.diff(time)
         back = np.flatnonzero(steps <= 0.0) + 1
         if back.size:
-            return [*self._swapped(), self._do_not_increase(time, steps, back)]
+            others = [name for name in ("temperature_degC", "resistance_ohm", "current_A") if name in self.values]
+            rising = [name for name in others if np.all(np.diff(self.values[name]) > 0.0)]
+            text = "time_s: its numbers do not increase, and those of {} do in every row: are two columns swapped?"
+            swapped = [self._line(text.format(name)) for name in rising[:1]]
+            return [*swapped, self._do_not_increase(time, steps, back)]
         if np.max(np.abs(time)) > MOST_S:
             index = self.chosen["time_s"].index if "time_s" in self.chosen else None
             option = column_option("time_s", self.names, index, "ms") if index is not None else ""
@@ -120,13 +111,6 @@ class _Check:
             text = f"time_s: {time[0]:.8g} to {time[-1]:.8g}: a spreadsheet's dates, which count days?"
             return [self._line(f"{text} {self._either('time_s', 'd')}")]
         return []
-
-    def _swapped(self) -> list[str]:
-        """Return a line if another column increases in every row, as times do."""
-        others = [name for name in ("temperature_degC", "resistance_ohm", "current_A") if name in self.values]
-        rising = [name for name in others if np.all(np.diff(self.values[name]) > 0.0)]
-        text = "time_s: its numbers do not increase, and those of {} do in every row: are two columns swapped?"
-        return [self._line(text.format(name)) for name in rising[:1]]
 
     def _do_not_increase(self, time: Array, steps: Array, back: NDArray[np.intp]) -> str:
         """Return the line for times that do not increase in the rows `back`."""
@@ -221,20 +205,10 @@ def record_from_arrays(
     source: str = "arrays",
     order: RowOrder | None = None,
 ) -> Record:
-    """Return a record of arrays by name.
+    """Return a record of arrays by name, each of shape (rows,); the names are read as those of a file. Raises Faults.
 
-    Parameters
-    ----------
-    columns : numpy arrays, or what becomes one, each of shape (rows,). Names are read as those of a file: ours, or
-        clear ones such as 'T [K]'. Times may be datetime64.
-    column : options for names that are not clear, such as 'resistance_ohm=R@kohm'
-    needs : columns that have to be there, besides time_s
-    source : the record's name in messages
-    order : the order of the rows
-
-    Raises
-    ------
-    Faults
+    column: options for names that are not clear, such as 'resistance_ohm=R@kohm'; needs: columns that have to be there,
+    besides time_s; source: the record's name in messages.
     """
     mappings = [ColumnMapping.parse(text) for text in column]
     return record_from_table(table_from_arrays(columns, source), mappings, needs, order=order)
@@ -248,10 +222,8 @@ def record_from_frame(
     source: str = "data frame",
     order: RowOrder | None = None,
 ) -> Record:
-    """Return a record of a pandas DataFrame, or of any object with its `columns`, `index` and `[name]`.
-
-    An index of dates, or one with a name of its own, is a column too. Parameters and faults: `record_from_arrays`.
-    """
+    """Return a record of a pandas DataFrame; an index of dates, or one with a name of its own, is a column too.
+    Parameters and faults: `record_from_arrays`."""
     return record_from_arrays(frame_columns(frame), column, needs, source, order)
 
 
@@ -318,22 +290,17 @@ def _with_typed_times(
     left = [column for column in table.columns if column.name.strip() not in ("time_s", "resistance_time_s")]
     timed = [each for each in table.columns if each.meaning.ours == "time_s" and table.times == "file"]
     timed = [each for each in timed if np.any(each.filled())]
-    if any(each.name.strip() == "time_s" and _increases(each, table) for each in timed):
-        text = "a period or time_s=row was typed, and the file has time_s; expected one of them"
-        raise fault(table.source, table.place, text)
+    for each in timed:
+        with suppress(ValueError):
+            if each.name.strip() == "time_s" and np.all(np.diff(each.numbers(table.decimal).values) > 0.0):
+                text = "a period or time_s=row was typed, and the file has time_s; expected one of them"
+                raise fault(table.source, table.place, text)
     time = Column("time_s", step * np.arange(len(table.line_of), dtype=np.float64))
     notes = [*table.notes, "no times: rows taken in their order; no rates are reported"]
     if timed:
         names = ", ".join(repr(each.name) for each in timed)
         notes.append(f"{names} left out: the times are those of --period or time_s=row")
     return replace(table, columns=[*left, time], notes=notes, times=times), others
-
-
-def _increases(column: Column, table: Table) -> bool:
-    try:
-        return bool(np.all(np.diff(column.numbers(table.decimal).values) > 0.0))
-    except ValueError:
-        return False
 
 
 def _convert(choice: ColumnChoice) -> Record:
@@ -358,7 +325,7 @@ def _convert(choice: ColumnChoice) -> Record:
     if faults:
         raise Faults(faults)
     table, values, texts = _in_time(choice, values, texts)
-    faults = find_implausible_values(table, values, choice.chosen, choice.names)
+    faults = _Check(table, values, choice.chosen, choice.names).all()
     if faults:
         raise Faults(faults)
     current = choice.chosen.get("current_A")

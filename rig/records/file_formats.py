@@ -61,20 +61,13 @@ class Segment:
             return None
 
 
-def is_lvm(text: str) -> bool:
-    """Return True if the first line says that a text is such a file."""
-    return text.startswith(FIRST_LINE)
-
-
 def lvm_table(text: str, path: Path) -> Table:
     """Return the table in a text: the segments with the channels of the first. Raises Faults."""
     lines = text.splitlines()
     end = next((k for k, line in enumerate(lines) if line.startswith(END)), None)
     if end is None:
         raise fault(path, f"line {len(lines)}", f"a LabVIEW file without {END}; expected a whole file")
-    header = {
-        line.replace(",", "\t", 1).split("\t")[0]: re.split("[\t,]", line, maxsplit=1)[-1] for line in lines[:end]
-    }
+    header = {words[0]: words[-1] for words in (re.split("[\t,]", line, maxsplit=1) for line in lines[:end])}
     separator = "," if header.get("Separator", "").lower().startswith("comma") else "\t"
     decimal = (header.get("Decimal_Separator", "") + ".")[0]
     x_columns = header.get("X_Columns", "One").strip().capitalize()
@@ -137,9 +130,8 @@ def _joined(segments: Sequence[Segment], path: Path, decimal: str, x_columns: st
     if any(comments):
         columns.append(Column("Comment", comments))
     lines = [line for segment in segments for line in segment.lines]
-    return Table(
-        str(path), f"line {first.place}", columns, lines, decimal=DecimalSign(decimal, False, True), notes=notes
-    )
+    sign = DecimalSign(decimal, False, True)
+    return Table(str(path), f"line {first.place}", columns, lines, decimal=sign, notes=notes)
 
 
 def _times(segments: Sequence[Segment], k: int | None, every: int, decimal: str, path: Path) -> Array:

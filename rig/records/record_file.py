@@ -34,7 +34,7 @@ from rig.core.file_writing import writing
 from rig.records.branches import RowOrder
 from rig.records.column_names import ColumnMapping
 from rig.records.conversion import ABSOLUTE_ZERO_DEGC, HOT_DEGC, MOST_A, MOST_OHM, record_from_table
-from rig.records.file_formats import is_lvm, lvm_table
+from rig.records.file_formats import FIRST_LINE, lvm_table, matlab_table, workbook_table
 from rig.records.numbers import UNITS
 from rig.records.record import Record, unit_of
 from rig.records.table import Column, Table
@@ -69,15 +69,6 @@ FILE_KINDS = (
 )
 MOST_TEXT_BYTES = 1_000_000  # of a configuration, a program or a letter
 TOML_KINDS = {"a configuration (TOML)": {"bench", "experiment"}, "a model file (TOML)": {"film", "plate"}}
-
-
-def read_text_of(data: bytes, path: Path) -> tuple[str, list[str]]:
-    """Return the text in a file's bytes, and notes: what it was compressed with, and its encoding if that is not UTF.
-    Raises Faults."""
-    packed_by = next((name for mark, name in COMPRESSED if data.startswith(mark)), "")
-    notes = [f"unpacked ({packed_by})"] if packed_by else []
-    text, encoding = _decode(_unpack(data, packed_by, path) if packed_by else data, path)
-    return text, [*notes, f"text in {encoding}"] if encoding else notes
 
 
 def _unpack(data: bytes, packed_by: str, path: Path) -> bytes:
@@ -266,21 +257,11 @@ def read_record(
     options: bool = True,
     order: RowOrder | None = None,
 ) -> Record:
-    """Return the record in a file.
+    """Return the record in a file. Raises Faults, a line for each.
 
-    Parameters
-    ----------
-    path : the file
-    mappings : the user's --column options
-    needs : columns that have to be there, besides time_s
-    decimal : '.' or ',' if the user named the decimal sign
-    options : the user can type --column, so that faults may say what to type
-    order : the order of the rows, if the file has no times
-
-    Raises
-    ------
-    Faults
-        A line each for a missing column, a field that is no number, times that do not increase, a file without a table.
+    mappings: the user's --column options; needs: columns that have to be there, besides time_s; decimal: '.' or ',' if
+    the user named the sign; options: the user can type --column, so that faults may say what to type; order: of the
+    rows, if the file has no times.
     """
     try:
         return record_from_table(_read_table(path, decimal), mappings, needs, options, order)
@@ -313,12 +294,8 @@ def _read_table(path: Path, decimal: str) -> Table:
         if path.is_char_device() or path.is_socket() or (path.is_fifo() and not fed):
             raise fault(path, "", "is a device or a pipe; expected a file")
         if _is_workbook(path):
-            from rig.records.file_formats import workbook_table
-
             return workbook_table(path, decimal)
         if ending == MATLAB:
-            from rig.records.file_formats import matlab_table
-
             return matlab_table(path)
         if not decimal and (table := read_run_table(path)) is not None:
             return table
@@ -327,11 +304,12 @@ def _read_table(path: Path, decimal: str) -> Table:
         raise fault(path, "", "no such file") from None
     except OSError as error:
         raise fault(path, "", f"cannot be read: {error.strerror}") from None
-    text, notes = read_text_of(data, path)
-    table = lvm_table(text, path) if is_lvm(text) else text_table(text, path, decimal)
+    packed_by = next((name for mark, name in COMPRESSED if data.startswith(mark)), "")
+    text, encoding = _decode(_unpack(data, packed_by, path) if packed_by else data, path)
+    table = lvm_table(text, path) if text.startswith(FIRST_LINE) else text_table(text, path, decimal)
     if ending in WORKBOOKS:
         table.notes.append(f"text, and no workbook as its name ({ending}) says")
-    table.notes.extend(notes)
+    table.notes.extend([f"unpacked ({packed_by})"] * bool(packed_by) + [f"text in {encoding}"] * bool(encoding))
     return table
 
 

@@ -142,17 +142,13 @@ class PackedRows:
             column.append(value if words is None else words.setdefault(value, len(words)))
         self._count += 1
 
-    def numbers(self, k: int) -> Array:
-        """Return a column as numbers; of words their indices in `words`."""
-        return np.array(self._columns[k][: self._count])
-
-    def words(self, k: int) -> list[str] | None:
-        """Return the words of a column by their indices; None for a column of numbers."""
-        return list(self._words[k]) if k in self._words else None
+    def packed(self, k: int) -> tuple[Array, list[str] | None]:
+        """Return a column as numbers, of words their indices; and the words, None of a column of numbers."""
+        return np.array(self._columns[k][: self._count]), list(self._words[k]) if k in self._words else None
 
     def column(self, k: int) -> np.ndarray[Any, np.dtype[Any]]:
         """Return a column as an array of its kind."""
-        numbers, words = self.numbers(k), self.words(k)
+        numbers, words = self.packed(k)
         if words is not None:
             return np.take(np.array(words), numbers.astype(np.intp))
         return numbers.astype(np.int64) if k in self._whole and np.all(numbers % 1.0 == 0.0) else numbers
@@ -313,9 +309,9 @@ def write_netcdf(path: Path, columns: list[str], rows: PackedRows) -> None:
         axis = columns[0]  # the time is its own coordinate
         file.createDimension(axis, len(rows))
         for k, name in enumerate(columns):
-            words = rows.words(k)
+            numbers, words = rows.packed(k)
             variable = file.createVariable(name, "f8" if words is None else "i4", (axis,))
-            variable[:] = rows.numbers(k) if words is None else rows.numbers(k).astype(np.int32)
+            variable[:] = numbers if words is None else numbers.astype(np.int32)
             if words is None:
                 setattr(variable, "units", name.rpartition("_")[2].encode())  # noqa: B010
             else:

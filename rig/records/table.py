@@ -76,14 +76,9 @@ class Column:
 class Table:
     """A table with names.
 
-    Attributes
-    ----------
-    source : the file
-    place : of the names, such as 'line 1'
-    line_of : the line of each row, for messages; row_word: 'line', or 'row' if the file has no lines
-    named : False if the file has no names
-    notes : what was read as what, for people
-    times : where times come from: "file", "period" (typed) or "rows" (only their order is known)
+    place: of the names, such as 'line 1'. line_of: the line of each row, for messages; row_word: 'line', or 'row' if
+    the file has no lines. named: False if the file has no names. notes: what was read as what, for people. times: where
+    they come from: "file", "period" (typed) or "rows" (only their order is known).
     """
 
     source: str

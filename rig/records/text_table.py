@@ -1,10 +1,9 @@
 """A table in text: the separator of its fields, the line of names, the units, and the rows below.
 
-The layout is learned from the first thousand lines: the separator with which most fields are numbers, the number of
-fields that most lines have, and the fields that are numbers in most of them. Instruments write pages of settings above
-a table; a line with as many fields as the rows, none of them a number, may hold the names, and of several such lines
-the one with most known names is taken. Blank lines, comments, repeated names, words below the last row and a last line
-that was cut off are left out; a row with another number of fields is a fault.
+The layout is learned from the first thousand lines. Instruments write pages of settings above a table; a line with as
+many fields as the rows, none of them a number, may hold the names, and of several such lines the one with most known
+names is taken. Blank lines, comments, repeated names, words below the last row and a last line that was cut off are
+left out; a row with another number of fields is a fault.
 """
 
 from __future__ import annotations
@@ -12,14 +11,15 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.core.faults import Faults, fault
+from rig.core.faults import fault
 from rig.records.branches import branch_in_name, has_repeated_names
 from rig.records.column_names import interpret_name
 from rig.records.numbers import DecimalSign, find_decimal_sign, is_blank, is_number, parse_unit
@@ -71,7 +71,10 @@ def text_table(text: str, path: Path, decimal: str = "") -> Table:
     if not any(line.strip() and not line.startswith("#") for line in lines):
         raise fault(path, "line 1", "expected a header line with column names, the file is empty")
     lines = _join_quoted_names(lines)
-    layout = _find_layout(_sample(lines, path))
+    sample = _sample(lines, path)
+    separators = [one for one in SEPARATORS if not one or any(one in line for line in sample)]
+    layouts = [_layout_with([split_line(line, one) for line in sample], one) for one in separators]
+    layout = max(filter(None, layouts), key=lambda each: each[0], default=(0.0, None))[1]
     if layout is None:
         line = next(k for k, line in enumerate(lines, 1) if line.strip() and not line.startswith("#"))
         raise fault(path, f"line {line}", "no row of numbers below it; expected names, and rows of numbers below them")
@@ -123,16 +126,6 @@ def _sample(lines: list[str], path: Path) -> list[str]:
         if line.strip() and not line.lstrip().startswith(COMMENT_SIGNS):
             sample.append(line)
     return sample
-
-
-def _find_layout(sample: list[str]) -> Layout | None:
-    """Return the layout that makes most fields numbers; None if there are no rows of numbers."""
-    found = [
-        _layout_with([split_line(line, separator) for line in sample], separator)
-        for separator in SEPARATORS
-        if not separator or any(separator in line for line in sample)
-    ]
-    return max((each for each in found if each is not None), key=lambda each: each[0], default=(0.0, None))[1]
 
 
 def _layout_with(rows: list[list[str]], separator: str) -> tuple[float, Layout] | None:
@@ -206,7 +199,12 @@ def _find_header(lines: list[str], start: int, layout: Layout, path: Path) -> He
                 raise fault(path, f"line {start + 1}", text)
         return Header([], start, frozenset())
     named = [each for each in found if not _is_unit_line(each[1])] or found
-    place, names = max(named, key=lambda each: (_known_names(each[1]), sum(map(bool, each[1]))))
+
+    def known(line: tuple[int, list[str]]) -> tuple[int, int]:
+        """Return how many names of a line are known, and how many there are."""
+        return sum(interpret_name(name).ours is not None for name in line[1] if name), sum(map(bool, line[1]))
+
+    place, names = max(named, key=known)
     rows = [names, *(row for _, row in found if row is not names)]
     return Header(rows, place, frozenset(lines[k].strip() for k, _ in found), len(names) != layout.fields)
 
@@ -232,10 +230,6 @@ def _header_fields(line: str, layout: Layout) -> list[str] | None:
 
 def _fields_text(count: int) -> str:
     return f"{count} field{'s' * (count != 1)}"
-
-
-def _known_names(row: Sequence[str]) -> int:
-    return sum(1 for field in row if field and interpret_name(field).ours is not None)
 
 
 def _is_unit_line(row: Sequence[str]) -> bool:
@@ -277,25 +271,16 @@ def _read_rows(
             return numbers, range(start + 1, start + 1 + len(body)), []
     rows, line_of = [], []
     try:
-        for number, row in _split_rows(body, layout):
+        reader: Any = csv.reader(body, delimiter=layout.separator or " ", skipinitialspace=True)
+        for number, row in enumerate(reader if layout.separator else map(str.split, body), 1):
             rows.append(tuple(row))  # Python's garbage collector does not go through tuples of texts again and again
-            line_of.append(start + number)
+            line_of.append(start + (reader.line_num if layout.separator else number))
     except csv.Error as error:
         raise fault(path, f"from line {start + 1}", f"{error}; expected a table with a field's end in sight") from None
     raw = body if len(rows) == len(body) else None
     cut_off = not text.endswith(("\n", "\r"))
     kept, places, notes = _clean_rows(rows, line_of, raw, layout, header, cut_off, path)
     return [list(column) for column in zip(*kept, strict=True)] or [[] for _ in range(layout.fields)], places, notes
-
-
-def _split_rows(body: list[str], layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    """Yield each row with the number of the line that it ends in."""
-    if not layout.separator:
-        yield from enumerate(map(str.split, body), 1)
-        return
-    reader = csv.reader(body, delimiter=layout.separator, skipinitialspace=True)
-    for row in reader:
-        yield reader.line_num, row
 
 
 def _ends_within_a_number(body: list[str], layout: Layout, text: str) -> bool:
@@ -339,7 +324,13 @@ def _clean_rows(
     """Return rows without comments, blank lines, repeated names, closing words and a last line that was cut off."""
     kept, places, wrong, notes = [], [], [], []
     repeated, end = 0, len(rows)
-    while end > max(len(rows) - MOST_CLOSING_LINES, 0) and _is_closing(rows[end - 1], layout):
+
+    def is_closing(row: Sequence[str]) -> bool:
+        """Return True for a line without digits, or with other fields than a row and no number among them."""
+        digits = any(char.isdigit() for field in row for char in field)
+        return not digits or (len(row) != layout.fields and not any(map(is_number, row)))
+
+    while end > max(len(rows) - MOST_CLOSING_LINES, 0) and is_closing(rows[end - 1]):
         end -= 1
     closing = [text for row in rows[end:] if (text := " ".join(" ".join(row).split()))]
     if words := [text for text in closing if text[0] not in COMMENT_SIGNS]:
@@ -361,23 +352,12 @@ def _clean_rows(
         else:
             wrong.append((line_of[k], len(row)))
     if wrong:
-        raise _wrong_widths(path, wrong, layout.fields)
+        line, fields = wrong[0]
+        more = f" ({len(wrong)} such lines, to line {wrong[-1][0]})" if len(wrong) > 1 else ""
+        raise fault(path, f"line {line}", f"{_fields_text(fields)}, expected {layout.fields}{more}")
     if repeated:
         notes.append(f"names again among the rows ({repeated} lines)")
     return kept, places, notes
-
-
-def _is_closing(row: Sequence[str], layout: Layout) -> bool:
-    """Return True for a line without digits, or with other fields than a row and no number among them."""
-    if not any(char.isdigit() for field in row for char in field):
-        return True
-    return len(row) != layout.fields and not any(map(is_number, row))
-
-
-def _wrong_widths(path: Path, wrong: Sequence[tuple[int, int]], expected: int) -> Faults:
-    line, fields = wrong[0]
-    more = f" ({len(wrong)} such lines, to line {wrong[-1][0]})" if len(wrong) > 1 else ""
-    return fault(path, f"line {line}", f"{_fields_text(fields)}, expected {expected}{more}")
 
 
 def _igor_rows(lines: list[str]) -> list[str]:

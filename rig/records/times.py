@@ -105,20 +105,20 @@ def normalize_time(text: str) -> str:
 def read_times(
     fields: Sequence[str], layout: str | None = None, option: Callable[[str], str] = lambda layout: layout
 ) -> Times:
-    """Return times as seconds from the first row.
+    """Return times as seconds from the first row. Raises BadField for the first field that is no time, and for times
+    that can be read in several ways.
 
-    Parameters
-    ----------
-    fields : texts, one a row; '' if there is none
-    layout : of `LAYOUTS`, if the user typed one; with 'dst' a change of summer time is taken out
-    option : returns what to type for a layout, for messages
-
-    Raises
-    ------
-    BadField : for the first field that is no time, and for times that can be read in several ways
+    fields: texts, one a row, '' if there is none; layout: of `LAYOUTS`, if the user typed one, with 'dst' a change of
+    summer time is taken out; option: returns what to type for a layout, for messages.
     """
     if layout is not None and layout.endswith(SUMMER_TIME):
-        return _without_summer_time(read_times(fields, layout.partition("+")[0] if "+" in layout else None, option))
+        times = read_times(fields, layout.partition("+")[0] if "+" in layout else None, option)
+        change = clock_changes(times.seconds)
+        if not np.any(change):
+            return times
+        way = "back" if np.any(change > 0.0) else "on"
+        note = f"{times.note}, an hour {way} at the change of summer time taken out"
+        return Times(times.seconds + HOUR_S * np.cumsum(change), note)
     texts = [text.strip().strip('"') for text in fields]
     first = next((text for text in texts if text), "")
     if not _STAMP.fullmatch(first):
@@ -170,12 +170,6 @@ def clock_changes(seconds: Array, change_s: float = HOUR_S) -> Array:
         return np.zeros(seconds.size)
     back = np.abs(steps + change_s - median) <= within
     return back.astype(np.float64) - (np.abs(steps - change_s - median) <= within)
-
-
-def _without_summer_time(times: Times) -> Times:
-    change = clock_changes(times.seconds)
-    note = f"{times.note}, an hour {'back' if np.any(change > 0.0) else 'on'} at the change of summer time taken out"
-    return Times(times.seconds + HOUR_S * np.cumsum(change), note) if np.any(change) else times
 
 
 def _clock_times(matches: Sequence[Match | None], layout: str | None) -> Times:
