@@ -36,7 +36,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -70,7 +70,7 @@ class Journal:
         self._same, self.others = tuple(same), 0
         self._numbers = {self._key(identity): number for number, identity in identities.items()}
         self._of = {identity.get("of") for identity in identities.values()}
-        self.folder, self._name, self._identities = folder, name, identities
+        self.folder, self._name, self.identities = folder, name, identities
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._path = folder / LINES
@@ -88,7 +88,7 @@ class Journal:
     def add(self, number: int, values: Mapping[str, Cell], seconds: float) -> None:
         """Add the result of a case."""
         self.done[number] = (dict(values), seconds)
-        line = {"case": self._identities[number], "values": values, "seconds": round(seconds, 3)}
+        line = {"case": self.identities[number], "values": values, "seconds": round(seconds, 3)}
         with naming_file(self._path):
             self._lines.write(json.dumps(line) + "\n")
             self._lines.flush()
@@ -100,26 +100,17 @@ class Journal:
         when the command is given again."""
         self.done[number] = (dict(values), 0.0)
 
-    def case(self, number: int) -> Row:
-        """Return the identity of a case."""
-        return self._identities[number]
-
-    @property
-    def count(self) -> int:
-        """Number of cases."""
-        return len(self._identities)
-
     def missing(self) -> list[int]:
         """Return the cases that are still to be computed: without a line, or lost with their process."""
-        return [n for n in self._identities if n not in self.done or self.done[n][0].get("status") == LOST]
+        return [n for n in self.identities if n not in self.done or self.done[n][0].get("status") == LOST]
 
     def rows(self) -> list[Row]:
         """Return identity and result of each case, in the order of their numbers."""
-        return [{**self._identities[number], **self.done[number][0]} for number in sorted(self.done)]
+        return [{**self.identities[number], **self.done[number][0]} for number in sorted(self.done)]
 
     def write_table(self) -> None:
         """Write the table as far as it is."""
-        write_table(self.folder / f"{self._name}.csv", self.rows())
+        write_columns(self.folder / f"{self._name}.csv", table_columns(self.rows()))
         with replacing(self.folder / TIMES) as path:
             times = "".join(f"{number},{self.done[number][1]!r}\n" for number in sorted(self.done))
             path.write_text(f"number,seconds\n{times}", encoding="utf-8")
@@ -173,7 +164,7 @@ class Journal:
 
     def _number_of(self, number: int, case: Row) -> int | None:
         """Return the number of a line's case now; None if it is none of these and may be left alone. Raises Faults."""
-        if not self._same and self._identities.get(number) == case:
+        if not self._same and self.identities.get(number) == case:
             return number
         if self._same and (not self._of or case.get("of") in self._of):
             return self._numbers.get(self._key(case))
@@ -192,23 +183,14 @@ def cases_in(folder: Path) -> list[Row]:
         lines = (folder / LINES).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return []
-    found = []
+    found: list[Any] = []
     for line in lines:
-        try:
-            case = json.loads(line)["case"]
-        except (ValueError, KeyError, TypeError):
-            continue
-        if isinstance(case, dict):
-            found.append(case)
-    return found
+        with contextlib.suppress(ValueError, KeyError, TypeError):
+            found.append(json.loads(line)["case"])
+    return [case for case in found if isinstance(case, dict)]
 
 
-def write_table(path: Path, rows: list[Row]) -> None:
-    """Write rows as CSV; a cell that a row does not have is empty."""
-    write_columns(path, _columns(rows))
-
-
-def _columns(rows: list[Row]) -> dict[str, list[Any]]:
+def table_columns(rows: list[Row]) -> dict[str, list[Any]]:
     """Return the columns of rows, in the order in which they first occur; "" for a cell that a row does not have."""
     names = dict.fromkeys(name for row in rows for name in row)
     cells = {name: [row.get(name, "") for row in rows] for name in names}
@@ -222,7 +204,7 @@ def write_netcdf(path: Path, rows: list[Row]) -> None:
     with netcdf_file(path, "w") as file:
         setattr(file, "history", b"peltier-rig")  # noqa: B010 - an attribute of the file, not of the class
         file.createDimension("case", len(rows))
-        for name, column in _columns(rows).items():
+        for name, column in table_columns(rows).items():
             if all(value == "" or isinstance(value, (int, float)) for value in column):
                 variable = file.createVariable(name, "f8", ("case",))
                 variable[:] = np.array([math.nan if value == "" else float(value) for value in column])
@@ -265,23 +247,6 @@ class EngineChoice:
             raise fault("--workers", repr(self.workers), "the scheduler at --address has its own; expected one of both")
 
 
-class Engine(Protocol):
-    """Where cases are computed. workers: number of cases at a time."""
-
-    @property
-    def workers(self) -> int: ...
-
-    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]: ...
-
-    def share(self, value: Any) -> Any:
-        """Return what to submit in place of a value that many cases need; `given` returns the value."""
-        ...
-
-    def begin_anew(self) -> None:
-        """Go on after a worker died: what was submitted and has not ended is gone. Raises Faults if nothing is left."""
-        ...
-
-
 @dataclass(frozen=True)
 class Shared:
     """A value in a file of this computer, named by a digest of its contents."""
@@ -312,25 +277,11 @@ def given(value: Any) -> Any:
     return _read(value.path) if isinstance(value, Shared) else value
 
 
-@contextlib.contextmanager
-def opened(choice: EngineChoice, at_most: int) -> Iterator[Engine]:
-    """Open the engine, with no more workers than cases; its cases end with the context. Raises Faults."""
-    engine: _Processes | _Dask
-    if choice.name == "dask":
-        engine = _Dask(choice, at_most)
-    else:
-        engine = _Processes(max(1, min(choice.workers or os.cpu_count() or 1, at_most)))
-    try:
-        yield engine
-    finally:
-        engine.close()
+class Processes:
+    """Processes of this computer. workers: number of cases at a time."""
 
-
-class _Processes:
-    """Processes of this computer."""
-
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
+    def __init__(self, choice: EngineChoice, at_most: int) -> None:
+        self.workers = max(1, min(choice.workers or os.cpu_count() or 1, at_most))
         self._pool: ProcessPoolExecutor | None = None
         self._folder = tempfile.mkdtemp(prefix="peltier-many-")
 
@@ -342,6 +293,7 @@ class _Processes:
             return self._pool.submit(work, *arguments)
 
     def share(self, value: Any) -> Shared:
+        """Return what to submit in place of a value that many cases need; `given` returns the value."""
         content = pickle.dumps(value)
         path = Path(self._folder) / hashlib.sha256(content).hexdigest()
         if not path.exists():
@@ -349,10 +301,8 @@ class _Processes:
         return Shared(str(path))
 
     def begin_anew(self) -> None:
-        self._end()
-
-    def _end(self) -> None:
-        """End the pool's processes only: the caller's program may have others. (Python 3.14 has `kill_workers`.)"""
+        """Go on after a worker died: what was submitted and has not ended is gone. Only the pool's processes are ended:
+        the caller's program may have others. (Python 3.14 has `kill_workers`.)"""
         pool, self._pool = self._pool, None
         if pool is not None:
             workers = list((pool._processes or {}).values())  # before shutdown, which forgets them
@@ -361,7 +311,7 @@ class _Processes:
                 process.kill()
 
     def close(self) -> None:
-        self._end()
+        self.begin_anew()
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
@@ -390,7 +340,7 @@ def _signals_for_us_alone() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-class _Dask:
+class Dask:
     """A Dask cluster: the one at an address, or one on this computer for the time of the cases."""
 
     def __init__(self, choice: EngineChoice, at_most: int) -> None:
@@ -456,6 +406,19 @@ class _Dask:
                 with contextlib.suppress(Exception):  # what is gone cannot be closed
                     part.close(timeout=2)
         self._cluster = None
+
+
+Engine = Processes | Dask
+
+
+@contextlib.contextmanager
+def opened(choice: EngineChoice, at_most: int) -> Iterator[Engine]:
+    """Open the engine, with no more workers than cases; its cases end with the context. Raises Faults."""
+    engine = Dask(choice, at_most) if choice.name == "dask" else Processes(choice, at_most)
+    try:
+        yield engine
+    finally:
+        engine.close()
 
 
 @dataclass(frozen=True)
@@ -587,7 +550,7 @@ def compute_missing(
     def take(ended: Ended) -> None:
         values = ended.value if not ended.fault else {"status": LOST, "text": ended.fault}
         journal.add(ended.number, values, ended.seconds)
-        on_done(len(journal.done), journal.count, {**journal.case(ended.number), **values})
+        on_done(len(journal.done), len(journal.identities), {**journal.identities[ended.number], **values})
 
     try:
         compute(lambda engine: cases(engine, left), len(left), choice, take)

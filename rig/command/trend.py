@@ -47,9 +47,10 @@ def main(options: argparse.Namespace) -> int:
         terminal.print(one.in_words())
     if not series:
         terminal.print(f"no effect was named in {len(rows)} runs")
-    from rig.batch import write_table
+    from rig.batch import table_columns
+    from rig.records.record_file import write_columns
 
-    write_table(options.out / "effects.csv", [one.row() for one in series])
+    write_columns(options.out / "effects.csv", table_columns([one.row() for one in series]))
     linked = [{**row, "link": _link(options.folder / str(row["run"]) / "report.html", options.out)} for row in rows]
     write_trend_report(options.out, series, linked)
     terminal.print(f"report: {options.out / 'report.html'}")

@@ -49,7 +49,11 @@ from rig.safety.signals import NotebookStop, SignalStop
 NO_FILE = Path("configuration")  # what messages call tables that stand in no file
 
 
-def tables_of(configuration: str | PathLike[str] | Mapping[str, Any]) -> tuple[Path, dict[str, Any]]:
+Say = Callable[[str], None]
+Configuration = str | PathLike[str] | Mapping[str, Any]
+
+
+def tables_of(configuration: Configuration) -> tuple[Path, dict[str, Any]]:
     """Return the path of a configuration, and its tables, which are the caller's own. Raises Faults."""
     if isinstance(configuration, Mapping):
         return NO_FILE, deepcopy(dict(configuration))
@@ -65,9 +69,6 @@ def text_of(tables: Mapping[str, Any]) -> str:
         return tomli_w.dumps(tables)
     except (TypeError, ValueError) as error:
         raise fault(NO_FILE, "", str(error)) from None
-
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -149,9 +150,7 @@ class OpenBench:
 
 
 @contextmanager
-def open_bench(
-    configuration: str | PathLike[str] | Mapping[str, Any], *, unguarded: bool = False
-) -> Iterator[OpenBench]:
+def open_bench(configuration: Configuration, *, unguarded: bool = False) -> Iterator[OpenBench]:
     """Open the instruments of a configuration, identified, their limits set; the output is off, confirmed, before the
     block and after it, whatever ends the block.
 
@@ -181,7 +180,7 @@ def open_bench(
 
 
 def run(
-    configuration: str | PathLike[str] | Mapping[str, Any],
+    configuration: Configuration,
     out: Path | str | None = None,
     say: Say = lambda text: None,
     *,
@@ -195,7 +194,7 @@ def run(
 
 
 def calibrate(
-    configuration: str | PathLike[str] | Mapping[str, Any],
+    configuration: Configuration,
     out: Path | str | None = None,
     say: Say = lambda text: None,
     *,
@@ -230,7 +229,7 @@ class Simulation:
 
 @in_python()
 def simulate(
-    configuration: str | PathLike[str] | Mapping[str, Any] | None = None,
+    configuration: Configuration | None = None,
     *,
     effects: Iterable[str] = (),
     effect_files: Iterable[Path | str] = (),

@@ -164,13 +164,11 @@ def join_branches(found: Sequence[Kind], order: RowOrder) -> list[Kind]:
     """
     records: list[Record] = [one for one in found if isinstance(one, Record)]
     senses = {id(record): branch_in_name(Path(record.source).stem)[0] for record in records}
-    named: dict[str, dict[str, Record]] = {}
+    named: dict[Path, dict[str, Record]] = {}
     for record in records:
-        base = branch_in_name(Path(record.source).stem)[1]
-        if senses[id(record)] and (record.times != "file" or order.branches):
-            named.setdefault(str(Path(record.source).with_name(base or "loop")), {}).setdefault(
-                senses[id(record)], record
-            )
+        sense, base = branch_in_name(Path(record.source).stem)
+        if sense and (record.times != "file" or order.branches):
+            named.setdefault(Path(record.source).with_name(base or "loop"), {}).setdefault(sense, record)
     pairs: list[list[Record]] = [list(both.values()) for both in named.values() if len(both) == 2]
     single = [record for record in records if not _is_loop(record)]
     if order.branches and not pairs and len(found) == len(records) > 1 and single:
@@ -203,11 +201,8 @@ def join_loop(branches: Sequence[Record], senses: Sequence[str]) -> Record:
         first, second, one = second, first, other
     begin, end = float(second["time_s"][0]), float(first["time_s"][-1])
     shift_s = end + float(np.median(np.diff(first["time_s"]))) - begin if begin <= end else 0.0
-    timed = (
-        "; its times shifted behind the first" * (shift_s != 0.0)
-        if first.times == "file"
-        else "; no times, so no rates"
-    )
+    shifted = "; its times shifted behind the first" * (shift_s != 0.0)
+    timed = shifted if first.times == "file" else "; no times, so no rates"
     note = f"branches of a loop taken one after the other, {one} first{timed}"
     columns, others = first.raw_columns(), dict(second.raw_columns())
     others |= {name: values + shift_s for name, values in others.items() if f"_{name}".endswith("_time_s")}

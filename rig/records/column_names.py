@@ -189,9 +189,8 @@ def _interpret(words: str, unit_text: str) -> Meaning:
 
 
 def _our_column(quantities: set[str], roles: set[str]) -> str | None:
-    if len(quantities) != 1 or len(roles) > 1:
-        return None
-    return _OURS.get((next(iter(quantities)), next(iter(roles), "")))
+    one = len(quantities) == 1 and len(roles) <= 1
+    return _OURS.get((next(iter(quantities)), next(iter(roles), ""))) if one else None
 
 
 def _logarithm(name: str) -> Meaning:

@@ -368,7 +368,7 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
         members = {sheet.name: link.target for sheet, link in reader.parser.find_sheets()}
         for sheet in reader.wb.worksheets:
             xml = reader.archive.read(members[sheet.title])
-            sheets[sheet.title] = (*_read_sheet(sheet, _merged_cells(xml), path), _missing_values(xml))
+            sheets[sheet.title] = _read_sheet(sheet, xml, path)
         reader.wb.close()
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None
@@ -394,7 +394,8 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
     title, table = next(iter(long.items()))
     _, merged, missing = sheets[title]
     if missing:
-        text = f"{missing}, which the file has not; open it in a spreadsheet program and save it, or save it as CSV"
+        text = f"{missing}: expected the values of formulas, which the file has not; open it in a spreadsheet program "
+        text += "and save it, or save it as CSV"
         raise fault(path, f"sheet {title!r}", text)
     down = [area for area in merged if area.max_row > max(area.min_row, table.line_of[0] - 1)]
     if down:
@@ -405,27 +406,18 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
     return replace(table, row_word="row")
 
 
-def _missing_values(xml: bytes) -> str:
-    """Return which formulas of a sheet have no values in the file, '' if they have; programs that do not compute leave
-    them out, and a whole column would read as empty."""
-    cells = FORMULA.findall(xml)
-    if not cells or any(value for _, value in cells):
-        return ""
-    more = f", and {len(cells) - 1} more" if len(cells) > 1 else ""
-    return f"{cells[0][0].decode()}{more}: expected the values of formulas"
-
-
-def _merged_cells(xml: bytes) -> list[Any]:
-    """Return the merged cells of a sheet as openpyxl's CellRange; openpyxl does not give them when it reads by row."""
+def _read_sheet(sheet: Any, xml: bytes, path: Path) -> tuple[str, list[Any], str]:
+    """Return a sheet as tab-separated text, numbers to the same bits; the merged cells that hold something, as
+    openpyxl's CellRange, which it does not give when it reads by row; and which formulas have no values in the file:
+    programs that do not compute leave them out, and a whole column would read as empty."""
     from openpyxl.worksheet.cell_range import CellRange
 
-    below = xml.rpartition(b"sheetData>")[2]  # the cells themselves are above
-    areas = (CellRange(area.decode()) for area in MERGED.findall(below))
-    return sorted(areas, key=lambda a: (a.min_row, a.min_col))
-
-
-def _read_sheet(sheet: Any, merged: list[Any], path: Path) -> tuple[str, list[Any]]:
-    """Return a sheet as tab-separated text, numbers to the same bits, and the merged cells that hold something."""
+    areas = (CellRange(area.decode()) for area in MERGED.findall(xml.rpartition(b"sheetData>")[2]))  # below the cells
+    merged = sorted(areas, key=lambda a: (a.min_row, a.min_col))
+    cells_with_formulas, missing = FORMULA.findall(xml), ""
+    if cells_with_formulas and not any(value for _, value in cells_with_formulas):
+        others = len(cells_with_formulas) - 1
+        missing = cells_with_formulas[0][0].decode() + (f", and {others} more" if others else "")
     sheet.reset_dimensions()  # the file may give its size too small
     rows: list[list[str]] = []
     cells = width = 0
@@ -437,7 +429,14 @@ def _read_sheet(sheet: Any, merged: list[Any], path: Path) -> tuple[str, list[An
             raise fault(path, f"sheet {sheet.title!r}", f"{most}; expected a record")
     for cells_of_row in rows:
         cells_of_row += [""] * (width - len(cells_of_row))
-    holding = _fill_merged(rows, merged)
+    holding = []
+    for area in merged:  # the content is in the first cell; over several columns it belongs to the first of them
+        first, column = area.min_row - 1, area.min_col - 1
+        content = rows[first][column] if first < len(rows) and column < len(rows[first]) else ""
+        if content:
+            holding.append(area)
+            for row in rows[first : area.max_row]:
+                row[column] = content
     for k in range(width):
         dated = [row for row in rows if DATE_TEXT.fullmatch(row[k])]
         if all(row[k].endswith(MIDNIGHT) for row in dated):
@@ -445,23 +444,7 @@ def _read_sheet(sheet: Any, merged: list[Any], path: Path) -> tuple[str, list[An
                 row[k] = row[k].removesuffix(MIDNIGHT)
     out = io.StringIO()
     csv.writer(out, delimiter="\t", lineterminator="\n").writerows(rows)
-    return out.getvalue(), holding
-
-
-def _fill_merged(rows: list[list[str]], merged: list[Any]) -> list[Any]:
-    """Copy the content of merged cells, which is in the first, into those below it; return those that hold something.
-
-    What stands over several columns belongs to the first of them.
-    """
-    holding = []
-    for area in merged:
-        first, column = area.min_row - 1, area.min_col - 1
-        content = rows[first][column] if first < len(rows) and column < len(rows[first]) else ""
-        if content:
-            holding.append(area)
-            for row in rows[first : area.max_row]:
-                row[column] = content
-    return holding
+    return out.getvalue(), holding, missing
 
 
 def _cell_text(cell: Any) -> str:

@@ -13,12 +13,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.core.faults import fault
 from rig.records.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
-from rig.records.thermometer_faults import (
-    FalseReadings,
-    describe_false_readings,
-    find_false_readings,
-    mask_readings,
-)
+from rig.records.thermometer_faults import FalseReadings, describe_false_readings, find_false_readings, mask_readings
 
 __all__ = ["Record", "Refused", "content_digest", "unit_of"]
 

@@ -426,16 +426,16 @@ def recorded_run(folder: Path) -> RunRows:
     """Return the run in a folder. Raises Faults if there is none."""
     file = folder / "run.json"
     try:
-        there, text = folder.is_dir(), file.read_bytes() if folder.is_dir() else b""
+        if not folder.is_dir():
+            early = bool(folder.name) and part_of(folder).is_dir()
+            hint = f"; did you mean {part_of(folder)}, of a run that ended early?" if early else ""
+            raise fault(folder, "", f"no such folder; expected a run folder{hint}")
+        text = file.read_bytes()
     except FileNotFoundError:
-        part = folder / "run.json.new"
-        raise fault(folder, "", f"no {'whole ' if part.exists() else ''}run.json; expected a run folder") from None
+        whole = "whole " if (folder / "run.json.new").exists() else ""
+        raise fault(folder, "", f"no {whole}run.json; expected a run folder") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in a path
         raise fault(file, "", f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if not there:
-        part = folder.with_name(folder.name + ".part") if folder.name else folder
-        hint = f"; did you mean {part}, of a run that ended early?" if folder.name and part.is_dir() else ""
-        raise fault(folder, "", f"no such folder; expected a run folder{hint}")
     try:
         document = parsed_json(text)
     except ValueError as error:
@@ -468,13 +468,10 @@ def inner_runs(folder: Path, settings: Mapping[str, Any]) -> dict[str, RunRows]:
     compared = experiment.get("compare") if isinstance(experiment, dict) else None
     laws = [name for name in compared if name in LAWS] if isinstance(compared, list) else []
     found = {}
-    for name in (CALIBRATION, *laws):
-        for inner in (name, f"{name}.part"):
-            if (folder / inner / "run.json").is_file():
-                try:
-                    found[inner] = recorded_run(folder / inner)
-                except Faults:
-                    continue
+    for inner in (f"{name}{ending}" for name in (CALIBRATION, *laws) for ending in ("", ".part")):
+        if (folder / inner / "run.json").is_file():
+            with suppress(Faults):
+                found[inner] = recorded_run(folder / inner)
     return found
 
 

@@ -45,6 +45,7 @@ _DATE_ANYWHERE = re.compile(rf"(?<![\d:]){_DATE}(?!\d)")
 _CLOCK_BESIDE_DATE = re.compile(r"(\d{1,2})[:.h-](\d\d)(?:[:.m-](\d\d))?s?((?:[.,:]\d{1,9})?) ?((?:[AaPp]\.?[Mm]\.?)?)")
 _DIGITS = re.compile(r"((?:19|20)\d\d)([01]\d)([0-3]\d)[T _-]?([0-2]\d)([0-5]\d)([0-5]\d)([.,]\d{1,9})?")
 _ASCTIME = re.compile(r"[^\W\d_]{3} ([^\W\d_]{3}) +(\d{1,2}) (\d\d:\d\d:\d\d) (\d{4})")  # of C's asctime
+UNPADDED = ", milliseconds without leading zeros,"
 AS_OTHERS = "expected a time as in the other rows"
 Match = re.Match[str]
 
@@ -180,7 +181,7 @@ def _clock_times(matches: Sequence[Match | None], layout: str | None) -> Times:
         raise _Unclear("times with seconds and times without")
     if short == {False}:
         unpadded = _has_unpadded_milliseconds(m[4] for m in known)
-        return _unwrap(_seconds(matches, lambda m: _clock_s(m, 1, unpadded)), "a clock's times" + _note_of(unpadded))
+        return _unwrap(_seconds(matches, lambda m: _clock_s(m, 1, unpadded)), "a clock's times" + UNPADDED * unpadded)
     fraction = any(m[5] is not None for m in known)
     if layout is None and not fraction:
         raise _Unclear("hours and minutes, or minutes and seconds", ("hh:mm", "mm:ss"))
@@ -201,10 +202,6 @@ def _has_unpadded_milliseconds(fractions: Iterable[str | None]) -> bool:
         return False
     longer = [fraction for fraction in found if len(fraction) > 1]
     return any(f.endswith("0") for f in longer) and not any(f.startswith("0") for f in longer)
-
-
-def _note_of(unpadded: bool) -> str:
-    return ", milliseconds without leading zeros," if unpadded else ""
 
 
 def _clock_s(match: Match, group: int, unpadded: bool = False) -> float:
@@ -255,7 +252,7 @@ def _dated_times(matches: Sequence[Match | None], layout: str | None) -> Times:
     if not found:
         raise failed or BadField(0, known[0].string, AS_OTHERS)
     order = _plausible_order(found)
-    text = "ISO times" if order == "ymd" and not unpadded else f"dates in the order {order}{_note_of(unpadded)}"
+    text = "ISO times" if order == "ymd" and not unpadded else f"dates in the order {order}{UNPADDED * unpadded}"
     return Times(found[order], f"{text} as seconds from the first row")
 
 

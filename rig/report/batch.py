@@ -77,9 +77,8 @@ class RecordReport:
 
 def files_in(folder: Path) -> dict[str, bytes]:
     """Return the contents of all files below a folder, by their relative paths."""
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()
-    }
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def each_record(
         def cases(engine: Engine) -> Iterator[Case]:
             others = [engine.share(other) for other in task.shared]
             for number in left:
-                model = str(out / journal.case(number)["folder"] / MODEL) if report is not None else None
+                model = str(out / journal.identities[number]["folder"] / MODEL) if report is not None else None
                 yield Case(number, task.work, (engine.share(records[number]), task.options, model, *others))
 
         def take(ended: Ended) -> None:
@@ -135,7 +134,7 @@ def each_record(
                 faults[ended.number] = found.faults
             else:
                 documents[ended.number] = found.document
-            found.write_files(out / journal.case(ended.number)["folder"])
+            found.write_files(out / journal.identities[ended.number]["folder"])
             row = {"status": LOST, "text": ended.fault} if ended.fault else _row(record, found, task)
             journal.add(ended.number, row, ended.seconds)
             on_done(len(documents) + len(faults), len(records), record.source, found)
@@ -151,22 +150,18 @@ def each_record(
 
 
 def _row(record: Record | Refused, found: RecordReport, task: Task) -> Row:
-    """Return a record's row of the table: what was read, and the result."""
-    read = {} if isinstance(record, Refused) else _read(record)
+    """Return a record's row of the table: its size and range, how its columns were read, and the result."""
+    read: Row = {}
+    if isinstance(record, Record):
+        read = {"rows": record.rows, "duration_s": float(np.ptp(record["time_s"]))}
+        for name in CHANNELS:
+            if record.has(name):
+                finite = record[name][np.isfinite(record[name])]
+                read |= {f"{name}.lowest": float(finite.min()), f"{name}.highest": float(finite.max())}
+        read["read"] = " / ".join(record.notes)
     if found.faults:
         return {"status": "failed", "text": list(found.faults), **read}
     return {"status": "done", **read, **task.row(found.document)}
-
-
-def _read(record: Record) -> Row:
-    """Return the size and range of a record, and how its columns were read."""
-    time = record["time_s"]
-    row: Row = {"rows": record.rows, "duration_s": float(time[-1] - time[0])}
-    for name in CHANNELS:
-        if record.has(name):
-            finite = record[name][np.isfinite(record[name])]
-            row |= {f"{name}.lowest": float(finite.min()), f"{name}.highest": float(finite.max())}
-    return {**row, "read": " / ".join(record.notes)}
 
 
 def folders_of(records: Sequence[Record | Refused], taken: Iterable[str] = (), known: Sequence[str] = ()) -> list[str]:
@@ -223,7 +218,7 @@ def _known(journal: Journal, task: Task) -> tuple[dict[int, dict[str, Any]], dic
     documents: dict[int, dict[str, Any]] = {}
     faults: dict[int, tuple[str, ...]] = {}
     for number, (values, _) in journal.done.items():
-        path = journal.folder / str(journal.case(number)["folder"]) / task.document
+        path = journal.folder / str(journal.identities[number]["folder"]) / task.document
         if values.get("status") == "failed":
             faults[number] = tuple(_why(values))
         elif values.get("status") == "done" and path.is_file():
@@ -258,7 +253,9 @@ def _records_table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]
     for row in rows:
         record = str(row["record"])
         if row.get("status") == "done":
-            own = [link(record, f"{row['folder']}/report.html"), *(_shown(row.get(name, "")) for name in columns)]
+            found = [row.get(name, "") for name in columns]
+            shown = [f"{value:.4g}" if isinstance(value, float) else str(value) for value in found]
+            own = [link(record, f"{row['folder']}/report.html"), *shown]
         else:  # each line of a fault begins with the record's name, which stands before it already
             why = Html("<br>".join(escape(line.removeprefix(f"{record}: ")) for line in _why(row)))
             own = [record, why, *([""] * (len(columns) - 1))]
@@ -277,10 +274,6 @@ def _read_in_words(row: Mapping[str, Any]) -> Html:
     return Html(escape(", ".join(parts)) + notes)
 
 
-def _shown(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
 def draw_sweep(rows: Sequence[Row], path: Path) -> Path | None:
     """Write the figure of a table of cases; return None if the table has nothing to show."""
     if any("verdict" in row for row in rows):
@@ -294,22 +287,13 @@ def draw_sweep(rows: Sequence[Row], path: Path) -> Path | None:
     return path
 
 
-def _varied(rows: Sequence[Row]) -> list[str]:
-    """Return the columns of numbers before the results that take more than one value."""
-    names = list(rows[0])[: list(rows[0]).index("status")]
-    return [
-        name
-        for name in names
-        if name not in ("number", "seed", "of")
-        and all(isinstance(row.get(name), (int, float)) for row in rows)
-        and len({row[name] for row in rows}) > 1
-    ][:MOST_PANELS]
-
-
 def _error_figure(rows: Sequence[Row], error: str, label: str) -> Figure:
     """Draw an error over each parameter that was varied, a colour for each set of effects."""
     done = [row for row in rows if error in row]
-    names = _varied(done) or ["number"]
+    # the columns of numbers before the results that take more than one value
+    before = [name for name in list(done[0])[: list(done[0]).index("status")] if name not in ("number", "seed", "of")]
+    numbers = [name for name in before if all(isinstance(row.get(name), (int, float)) for row in done)]
+    names = [name for name in numbers if len({row[name] for row in done}) > 1][:MOST_PANELS] or ["number"]
     kinds = list(dict.fromkeys(row.get("effects", "") for row in done))
     drawn, panels = new_figure(len(names), 1.2 + 2.6 * len(names), share=False)
     colours = list(dict.fromkeys(COLOURS.values()))
@@ -359,8 +343,13 @@ def write_trend_report(out: Path, series: Sequence[Series], rows: Sequence[Mappi
         write_svg(out / "trend.svg", text)
         caption = "Sizes over time with their 95 % intervals; a vertical line where one changed, its means before and "
         parts.append(figure(both_widths(drawn, "trend", text), caption + "after."))
-    parts.append(section("Effects", _effects(series)))
-    parts.append(section("Runs", _runs(rows)))
+    cells = []
+    for row in rows:
+        name = link(str(row["run"]), str(row["link"])) if row.get("link") else str(row["run"])
+        verdict = str(row.get("verdict", row.get("text", "")))
+        cells.append((name, str(row["at"])[:16].replace("T", " "), str(row["rig"]), verdict, str(row.get("named", ""))))
+    runs = table(("run", "began, UTC", "rig", "verdict", "named"), cells, kind="words")
+    parts += [section("Effects", _effects(series)), section("Runs", runs)]
     write_page(out / "report.html", "Trend", lead, parts)
 
 
@@ -392,12 +381,3 @@ def _effects(series: Sequence[Series]) -> str:
         since = f"{row['since'][:16].replace('T', ' ')} {row['change']}" if row["since"] else "no change"
         cells.append((one.rig, f"{one.effect} {one.parameter}", since, *values, latest, f"{one.seen} of {len(one.at)}"))
     return table(head, cells) if cells else paragraph("No effect was named in any run.")
-
-
-def _runs(rows: Sequence[Mapping[str, Any]]) -> str:
-    cells = []
-    for row in rows:
-        name = link(str(row["run"]), str(row["link"])) if row.get("link") else str(row["run"])
-        verdict = str(row.get("verdict", row.get("text", "")))
-        cells.append((name, str(row["at"])[:16].replace("T", " "), str(row["rig"]), verdict, str(row.get("named", ""))))
-    return table(("run", "began, UTC", "rig", "verdict", "named"), cells, kind="words")

@@ -328,7 +328,7 @@ def _not_named(diagnosis: Diagnosis, as_model: bool) -> list[str]:
 
 def _limits(diagnosis: Diagnosis) -> list[str]:
     """A section with the upper limits."""
-    rows = [list(row) for row in words.limit_rows(diagnosis)]
+    rows = words.limit_rows(diagnosis)
     if not rows:
         return []
     head = ["effect", "size that this record allows (95 %)", "typical range"]

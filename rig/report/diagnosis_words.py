@@ -63,11 +63,13 @@ def lines(diagnosis: Diagnosis) -> list[str]:
 
 def sentence(diagnosis: Diagnosis) -> str:
     """Return the verdict in one or a few sentences."""
-    first = [f"{_capital(warning_line(diagnosis, w))}. " for w in diagnosis.warnings if w.code == SATURATED][:1]
+    first = [warning_line(diagnosis, w) for w in diagnosis.warnings if w.code == SATURATED][:1]
+    first = [f"{text[:1].upper()}{text[1:]}. " for text in first]
     if diagnosis.written == "base":
-        first.append(
+        text = (
             "The extended model predicts the held-out record worse than the base model, so the base model is written. "
         )
+        first.append(text)
     elif diagnosis.written == "likeliest":
         more = set(diagnosis.likeliest.values()) - {f.name for f in diagnosis.findings}
         names_of = listed(sorted(more)) if more else "fewer effects"
@@ -80,7 +82,9 @@ def sentence(diagnosis: Diagnosis) -> str:
         text = "Rows too far apart: the film changes more from row to row than an effect of film or ohmmeter would show"
         text += f"; {left}." if left else "."
     elif diagnosis.verdict == "clean":
-        text = f"Clean: no effect is seen, and the residual is noise{_unseen(diagnosis)}."
+        unseen = [limit.name for limit in diagnosis.limits if limit.allows_all_typical]
+        unseen_text = f"; {listed(unseen)} would not show in this record at any typical size" if unseen else ""
+        text = f"Clean: no effect is seen, and the residual is noise{unseen_text}."
     elif diagnosis.verdict == "explained":
         text = f"Explained: {listed(names)}. The residual is noise."
     elif left:
@@ -110,12 +114,6 @@ def named(finding: Finding, diagnosis: Diagnosis) -> str:
     return text
 
 
-def _unseen(diagnosis: Diagnosis) -> str:
-    """Return which effects may be present without being seen, at any typical size."""
-    names = [limit.name for limit in diagnosis.limits if limit.allows_all_typical]
-    return f"; {listed(names)} would not show in this record at any typical size" if names else ""
-
-
 def _elsewhere(diagnosis: Diagnosis) -> str:
     """Return by how much held-out rows are missed, if the residual of the fitted ones is noise."""
     off = [
@@ -128,10 +126,6 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
     names = file_names([one.source for one in diagnosis.elsewhere])
     which = f"in {listed(names)}" if names else "in held-out rows"
     return f" The model is off {which}: {listed(off)}."
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
@@ -200,12 +194,8 @@ def channels_of(diagnosis: Diagnosis) -> dict[str, tuple[str, str]]:
 
 def judged_channels(diagnosis: Diagnosis) -> list[tuple[str, str, Channel]]:
     """Return (what, unit, channel) of each channel that the record has."""
-    found = []
-    for key, (what, unit) in channels_of(diagnosis).items():
-        channel = diagnosis.channels.get(key)
-        if channel is not None:
-            found.append((what, unit, channel))
-    return found
+    judged = [(what, unit, diagnosis.channels.get(key)) for key, (what, unit) in channels_of(diagnosis).items()]
+    return [(what, unit, channel) for what, unit, channel in judged if channel is not None]
 
 
 def error_line(what: str, unit: str, channel: Channel) -> str:
@@ -276,14 +266,10 @@ def assumed_lines(diagnosis: Diagnosis) -> list[str]:
     return [f"{effect}: {', '.join(own(sizes))}" for effect, sizes in diagnosis.assumed.items()]
 
 
-def limit_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
+def limit_rows(diagnosis: Diagnosis) -> list[list[str]]:
     """Return (effect, the sizes that the record still allows, the typical range) of each effect that is not named."""
-    return [(limit.name, _allowed(limit), _typical(limit)) for limit in diagnosis.limits]
-
-
-def _typical(limit: UpperLimit) -> str:
-    dash = "\N{EN DASH}"
-    return dash if limit.typical is None else f"{rough(limit.typical[0])} to {rough(limit.typical[1])}"
+    typical = [" to ".join(map(rough, limit.typical or ())) or "\N{EN DASH}" for limit in diagnosis.limits]
+    return [[limit.name, _allowed(limit), sizes] for limit, sizes in zip(diagnosis.limits, typical, strict=True)]
 
 
 def _allowed(limit: UpperLimit) -> str:
