@@ -55,24 +55,18 @@ class Improvement:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of `peltier improve`."""
-        effects = [{key: e[key] for key in ("name", "parameters")} for e in self.diagnosis["effects"]]
         return {
             "format": FORMAT,
-            "run": self.run,
-            "folder": self.folder,
-            "law": self.law,
+            **{key: getattr(self, key) for key in ("run", "folder", "law", "model")},
+            **{key: list(getattr(self, key)) for key in ("new", "tried", "caveats")},
             "verdict": self.diagnosis["verdict"],
-            "effects": effects,
-            "new": list(self.new),
-            "tried": list(self.tried),
-            "model": self.model,
+            "effects": [{key: e[key] for key in ("name", "parameters")} for e in self.diagnosis["effects"]],
             "first": None if self.first is None else self.first.document(),
             "second": None if self.after is None else self.after.document(),
             "reduction": None if self.gained is None else self.gained.reduction,
             "reduction_ci95": None if self.gained is None else list(self.gained.ci95),
             "second_run": self.second,
             "not_run_because": self.why_not,
-            "caveats": list(self.caveats),
         }
 
 
@@ -164,9 +158,7 @@ def _courses(out: Path, first: TargetError, after: TargetError) -> str:
 
 
 def _reports(i: Improvement) -> list[tuple[str, str]]:
-    places = [("first run", i.run), ("diagnosis", i.folder / "diagnosis")]
-    if i.second is not None:
-        places.append(("second run", i.second))
-    found = [(what, folder / "report.html") for what, folder in places]
-    whole = [(what, os.path.relpath(path.absolute(), i.folder.absolute())) for what, path in found if path.is_file()]
+    places = [("first run", i.run), ("diagnosis", i.folder / "diagnosis"), ("second run", i.second)]
+    found = [(what, (folder / "report.html").absolute()) for what, folder in places if folder is not None]
+    whole = [(what, os.path.relpath(path, i.folder.absolute())) for what, path in found if path.is_file()]
     return [(what, Path(path).as_posix()) for what, path in whole]

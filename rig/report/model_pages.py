@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -185,7 +185,6 @@ def forc_figure(folder: Path, forc: Forc, name: str) -> str:
 
 Say = Callable[[str], None]
 NOT_DETERMINED = "Warnings, and what this record cannot determine"
-PLATE_HEAD = ("value", "95 %", "unit")
 PLATE_PARAMETERS = {
     "seebeck_over_capacity_per_A_s": ("Seebeck coefficient / heat capacity, S/C", "1/(A s)"),
     "resistance_over_capacity_K_per_A2_s": ("resistance / heat capacity, R_e/C", "K/(A\N{SUPERSCRIPT TWO} s)"),
@@ -300,19 +299,22 @@ def _write_identification_page(folder: Path, found: Identified, result: Mapping[
     write_page(folder / "report.html", "Film and plate from a record", lead, parts)
 
 
-def plate_row(name: str, value: float, half: float | None) -> list[str]:
-    """Return a row of a plate's table. half: of the 95 % interval; None if the record does not determine it."""
-    what, unit = PLATE_PARAMETERS.get(name, (name, ""))
-    if half is None or not math.isfinite(half):
-        return [what, f"{value:.3g}", "\N{EN DASH}", unit]
-    shown, width = value_and_half(value, half)
-    return [what, shown, f"\N{PLUS-MINUS SIGN} {width}", unit]
+def plate_table(parameters: Iterable[tuple[str, float, float | None]], head: str = "parameter") -> str:
+    """Return the table of a plate. parameters: name, value, and half of the 95 % interval, None if the record does not
+    determine it."""
+    rows = []
+    for name, value, half in parameters:
+        what, unit = PLATE_PARAMETERS.get(name, (name, ""))
+        if half is None or not math.isfinite(half):
+            rows.append([what, f"{value:.3g}", "\N{EN DASH}", unit])
+        else:
+            shown, width = value_and_half(value, half)
+            rows.append([what, shown, f"\N{PLUS-MINUS SIGN} {width}", unit])
+    return table([head, "value", "95 %", "unit"], rows)
 
 
 def _plate(folder: Path, plate: Mapping[str, Any], compared: Sequence[PlateComparison]) -> str:
-    parameters = [
-        plate_row(name, one["value"], 0.5 * float(np.ptp(one["ci95"]))) for name, one in plate["parameters"].items()
-    ]
+    found = [(name, one["value"], 0.5 * float(np.ptp(one["ci95"]))) for name, one in plate["parameters"].items()]
     figures = [plate_figure(folder, one, f"_{k + 1}" if len(compared) > 1 else "") for k, one in enumerate(compared)]
     kind = "Peltier plate" if plate["kind"] == "peltier" else "heater"
     fitted = (
@@ -324,7 +326,7 @@ def _plate(folder: Path, plate: Mapping[str, Any], compared: Sequence[PlateCompa
         "The plate",
         paragraph(fitted),
         *figures,
-        table([f"parameter{drive}", *PLATE_HEAD], parameters),
+        plate_table(found, f"parameter{drive}"),
         bullets(plate["identifiability"]),
     )
 

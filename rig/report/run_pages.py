@@ -56,7 +56,7 @@ from rig.report.figures import (
     tiles,
     write_page,
 )
-from rig.report.model_pages import NOT_DETERMINED, PLATE_HEAD, draw_residual, plate_row, transition_section
+from rig.report.model_pages import NOT_DETERMINED, draw_residual, plate_table, transition_section
 from sim.inference.covariance import NORMAL_95
 
 BAND_DEC = 0.05  # 12 % of the resistance: what the eye does not see in a transition of decades
@@ -364,8 +364,8 @@ def _write_calibration_page(run: RunRows, out: Path) -> None:
         (result["memoryless"], "form of D(T), the part of log R without memory"),
         (str(result["operators"]), "play operators with weight"),
     ]
-    rows = [
-        plate_row(one["name"], one["value"], None if (error := one["standard_error"]) is None else NORMAL_95 * error)
+    plate = [
+        (one["name"], one["value"], None if (error := one["standard_error"]) is None else NORMAL_95 * error)
         for one in result["plate"]
     ]
     doubts = result["identifiability"]
@@ -378,7 +378,7 @@ def _write_calibration_page(run: RunRows, out: Path) -> None:
     if result.get("transition"):
         parts.append(transition_section(out, result["transition"]))
     parts.append(section(NOT_DETERMINED, unknown))
-    parts.append(section("The plate", table(["parameter", *PLATE_HEAD], rows), _courses(run, out)))
+    parts.append(section("The plate", plate_table(plate), _courses(run, out)))
     write_page(out / "report.html", f"{run.path.name}: film and plate", lead, parts)
 
 

@@ -32,7 +32,8 @@ from rig.report.figures import (
 if TYPE_CHECKING:
     from rig.experiment.tuning import WholeLaw
 
-SHOWN = (0.6, 1.0, 1.5, 2.2)  # film slope over model slope: right, the bounds of "Ms 1.6", and the largest judged
+# film slope over model slope, with its colour: right, the bounds of "Ms 1.6", and the largest judged
+SHOWN = {0.6: PURPLE, 1.0: BLUE, 1.5: GREEN, 2.2: GOLD}
 
 
 def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], found: WholeLaw) -> None:
@@ -41,18 +42,15 @@ def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], foun
     worst = max(row.margins.ms for row in found.rows)
     verdict = "The margins hold." if not found.refused else "The gains are refused: their margins do not hold."
     place = "ohmmeter" if found.name == "instrument_pid" else "command"
+    usual = max(r.margins.ms for r in found.rows if r.ratio <= 1.5)
+    numbers = [
+        (f"{usual:.2f}", "maximum sensitivity Ms, slope ratios 0.6 to 1.5"),
+        (f"{worst:.2f}", "Ms at all ratios"),
+        (f"{found.rings_at_ratio:.2f}", "slope ratio at which the loop is unstable"),
+        (f"{found.rings_at_gain:.2f}", "plate gain, relative to the model's, at which the loop is unstable"),
+    ]
     parts = [
-        tiles(
-            [
-                (
-                    f"{max(r.margins.ms for r in found.rows if r.ratio <= 1.5):.2f}",
-                    "maximum sensitivity Ms, slope ratios 0.6 to 1.5",
-                ),
-                (f"{worst:.2f}", "Ms at all ratios"),
-                (f"{found.rings_at_ratio:.2f}", "slope ratio at which the loop is unstable"),
-                (f"{found.rings_at_gain:.2f}", "plate gain, relative to the model's, at which the loop is unstable"),
-            ]
-        ),
+        tiles(numbers),
         section(f"The loop, broken at the {place}", _figure(folder, found)),
         section("Margins", _table(found), paragraph(_MEANING)),
     ]
@@ -75,28 +73,13 @@ _MEANING = (
 
 
 def _table(found: WholeLaw) -> str:
-    head = [
-        "slope ratio",
-        "gain margin",
-        "phase margin / deg",
-        "Ms",
-        "largest allowed Ms",
-        "Ms at the ohmmeter",
-        "disk: gain, phase",
-    ]
-    rows = [
-        [
-            f"{r.ratio:g}",
-            f"{r.margins.gain_margin:.2f}",
-            f"{r.margins.phase_margin_deg:.0f}",
-            f"{r.margins.ms:.2f}",
-            f"{bearable_ms(r.ratio):g}",
-            f"{r.margins.at_ohmmeter:.2f}",
-            f"{r.margins.disk_gain:.2f}, {r.margins.disk_phase_deg:.0f} deg",
-        ]
-        for r in found.rows
-    ]
-    return table(head, rows)
+    head = ["slope ratio", "gain margin", "phase margin / deg", "Ms", "largest allowed Ms", "Ms at the ohmmeter"]
+    rows = []
+    for ratio, m in ((row.ratio, row.margins) for row in found.rows):
+        disk = f"{m.disk_gain:.2f}, {m.disk_phase_deg:.0f} deg"
+        loop = [f"{m.gain_margin:.2f}", f"{m.phase_margin_deg:.0f}", f"{m.ms:.2f}", f"{bearable_ms(ratio):g}"]
+        rows.append([f"{ratio:g}", *loop, f"{m.at_ohmmeter:.2f}", disk])
+    return table([*head, "disk: gain, phase"], rows)
 
 
 def _figure(folder: Path, found: WholeLaw) -> str:
@@ -105,11 +88,9 @@ def _figure(folder: Path, found: WholeLaw) -> str:
     fig, axes = grid(1, 2, 4.4)
     nyquist, bode = axes[0]
     omega = frequencies(found.timing.period_s)
-    shades = (PURPLE, BLUE, GREEN, GOLD)
-    moving = [p for p in found.points if p.way != "at rest"]
-    resting = [p for p in found.points if p.way == "at rest"]
-    curves = [(moving, ratio, f"slope ratio {ratio:g}", shade) for ratio, shade in zip(SHOWN, shades, strict=True)]
-    for points, ratio, label, shade in [*curves, (resting, 1.0, "at rest", RED)]:
+    curves = [(ratio, f"slope ratio {ratio:g}", shade) for ratio, shade in SHOWN.items()]
+    for ratio, label, shade in [*curves, (1.0, "at rest", RED)]:
+        points = [p for p in found.points if (p.way == "at rest") == (label == "at rest")]
         point = max(points, key=lambda p, ratio=ratio: worst_ms([p], ratio))  # type: ignore[misc]
         loop = judged(point, ratio, omega)
         nyquist.plot(loop.real, loop.imag, color=shade, label=label)
