@@ -373,6 +373,7 @@ def test_a_workbook_without_its_reader_says_what_to_install(
         ("Time,T_C\n14:00:00,25\n14:00:00,26\n14:00:01,27\n", "expected increasing times"),
         ("Time,T_C\n14:00:00,25\n14:00:01,26\n14:61:00,27\n", "'14:61:00'"),
         ("Time,T_C\n2026-11-21T23:59:59+01:00,25\n2026-11-22T00:00:00,26\n", "with a zone"),
+        ("t_s,T_K,R_ohm\n300,0,5\n310,1,6\n305,2,7\n", "temperature_degC do in every row: are two columns swapped?"),
         (f"{HEAD}0,20,5\n1,21,6\npaused\n2,22,7\n", "line 4: 1 field, expected 3"),
         (f"{HEAD}0,1e5,25\n1,9e4,26\n2,8e4,27\n", "temperature_degC: to 100000 degC: are two columns swapped?"),
         ("Time (s),T (C)\n0,25\n1,26\n2,27\nMean,26\n", "line 5: time_s: 'Mean'"),
@@ -467,6 +468,7 @@ def test_measured_records_are_read_as_they_are(measured: Path, name: str) -> Non
     assert ours <= set(record.columns)
     lines = [line for line in (measured / name).read_text().splitlines() if line and line[0] in "-0123456789"]
     assert record.rows == len(lines)
+    assert record.left_out == ()  # real thermometers, with steps of 0.25 and 0.49 K and unsteady sampling, do not lie
     temperature = record["temperature_degC"]
     assert 15.0 < np.min(temperature) < 135.0  # degC, whatever the file had: the lamp's begins at 129 degC
     assert np.max(temperature) < 300.0

@@ -67,15 +67,6 @@ def test_many_wrong_rows_are_counted(peltier: Peltier, tmp_path: Path) -> None:
         assert line.endswith(said), err
 
 
-def test_time_and_temperature_exchanged(peltier: Peltier, tmp_path: Path) -> None:
-    file = tmp_path / "record.csv"
-    rows = [f"{380 - 60 * abs(k / 100 - 1):.2f},{4.6 * k:.2f},{100 + k}" for k in range(200)]
-    file.write_text("\n".join(["T_K,t_s,R_ohm", *rows]).replace("T_K,t_s", "t_s,T_K") + "\n")
-    status, _, err = peltier("identify", file)
-    assert status == 2
-    assert "those of temperature_degC do in every row: are two columns swapped?" in err.splitlines()[0]
-
-
 def test_a_unit_in_the_name_that_is_another_quantitys_is_asked_about(peltier: Peltier, tmp_path: Path) -> None:
     file = tmp_path / "record.csv"
     file.write_text("t_s,u_V,R [ohm],T_K\n" + "".join(f"{k},{k % 9},{100 + k},{300 + k % 7}\n" for k in range(60)))
