@@ -46,30 +46,6 @@ class FitOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class FilmComparison:
-    """A record's film and its model; arrays of shape (rows,): s, degC, output measured and modelled."""
-
-    source: str
-    time_s: Array
-    degC: Array
-    measured: Array
-    modelled: Array
-
-
-@dataclass(frozen=True, eq=False)
-class PlateComparison:
-    """A record's plate and its model; arrays of shape (rows,): s, degC measured and simulated, drive in A or, if
-    `drive` is set, as a share of full drive."""
-
-    source: str
-    time_s: Array
-    measured_degC: Array
-    simulated_degC: Array
-    drive_A: Array
-    drive: str | None
-
-
-@dataclass(frozen=True, eq=False)
 class Identified:
     """Film and plate fitted to records, None if the records have none.
 
@@ -141,23 +117,13 @@ class Identified:
         lines += [f"plate: {note}" for note in (self._plate_notes(self.plate) if self.plate is not None else ())]
         return "\n".join(lines)
 
-    def film_comparisons(self) -> list[FilmComparison]:
-        """Return each film record with the model that was fitted."""
-        film = self.film
-        if film is None:
-            return []
-        return [
-            FilmComparison(r.source, r["time_s"], film.course_degC[k], r.output(self.output), modelled(film, k, r))
-            for k, r in enumerate(self.film_records)
-        ]
-
-    def plate_comparisons(self) -> list[PlateComparison]:
-        """Return each record with a current and the plate that was fitted, simulated stretch by stretch."""
-        simulated = self.plate.simulated_degC if self.plate is not None else ()
-        return [
-            PlateComparison(one.source, one["time_s"], one["temperature_degC"], found, one["current_A"], self.drive)
-            for one, found in zip(self.plate_records, simulated, strict=True)
-        ]
+    def courses(self) -> list[tuple[Array, Array, Array, Array]]:
+        """Return of each film record, shape (rows,): time (s), temperature (degC), output measured and modelled."""
+        film, found = self.film, []
+        for k, r in enumerate(self.film_records if film is not None else ()):
+            assert film is not None
+            found.append((r["time_s"], film.course_degC[k], r.output(self.output), modelled(film, k, r)))
+        return found
 
     def _film_lines(self, fit: FilmFit) -> Iterator[str]:
         unit = unit_of(self.output)

@@ -84,8 +84,7 @@ class Identification(Shown):
 
         if self.film is None:
             return predict(self.model, self.found.records[0], initial="fitted").plot()
-        one = self.found.film_comparisons()[0]
-        return drawn_loop(one.time_s, one.degC, one.measured, one.modelled, self.found.output)
+        return drawn_loop(*self.found.courses()[0], self.found.output)
 
 
 @in_python()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import pickle
 import re
 import subprocess
 import sys
@@ -234,24 +235,19 @@ def read_vectors(path: Path) -> tuple[list[tuple[str, Array]], list[tuple[str, s
         raise Faults(child.stderr.decode(errors="replace").strip().splitlines()[-1:])
     if child.returncode != 0:
         raise fault(path, "", BROKEN)
-    with np.load(io.BytesIO(child.stdout), allow_pickle=False) as content:
-        vectors = [(str(name), content[f"vector{k}"]) for k, name in enumerate(content["names"])]
-        return vectors, [(str(name), str(kind)) for name, kind in content["objects"]]
+    vectors, objects = pickle.loads(child.stdout)
+    return vectors, objects
 
 
 def send(path: str, most: int) -> None:
-    """Write the vectors as .npz to stdout, in the process of its own; or a line to stderr, and exit with status 2."""
+    """Write the vectors, pickled, to stdout, in the process of its own; or a line to stderr, and exit with status 2."""
     try:
         content = _load(Path(path), most)
         found, objects = list(_vectors(content)), _objects(content, Path(path))
     except Faults as faults:
         print(str(faults), file=sys.stderr)
         sys.exit(2)
-    vectors = {f"vector{k}": values for k, (_, values) in enumerate(found)}
-    kinds = np.array(objects, dtype=str).reshape(-1, 2)
-    out = io.BytesIO()
-    np.savez(out, names=np.array([name for name, _ in found], dtype=str), objects=kinds, **vectors)
-    sys.stdout.buffer.write(out.getvalue())
+    sys.stdout.buffer.write(pickle.dumps((found, objects)))
 
 
 def _load(path: Path, most: int) -> Any:

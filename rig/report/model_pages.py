@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.error import residual, residual_label, value_and_half
-from rig.analysis.identification import FitOptions, Identified, PlateComparison, identified
+from rig.analysis.identification import FitOptions, Identified, identified
 from rig.analysis.prediction import ChannelError
 from rig.analysis.trend import of_identification
 from rig.batch import given
@@ -67,15 +67,16 @@ def label_of(output: str) -> str:
     return f"{name.partition('_')[0]} / {unit_of(output)}"
 
 
-def plate_figure(folder: Path, one: PlateComparison, suffix: str = "") -> str:
+def plate_figure(folder: Path, record: Record, simulated_degC: Array, suffix: str = "") -> str:
     """Draw measured and simulated temperature over time, the residual, and the drive; return the page's figure."""
+    time, degC = record["time_s"], record["temperature_degC"]
     fig, axes = new_figure(3, 6.4, [3.0, 1.6, 1.4])
-    draw_measured_and_model(axes[0], one.time_s, one.measured_degC, one.simulated_degC)
-    draw_residual(axes[1], one.time_s, residual(one.measured_degC, one.simulated_degC))
-    draw_line(axes[2], one.time_s, one.drive_A, held=True, color=COLOURS["current"], linewidth=0.9)
+    draw_measured_and_model(axes[0], time, degC, simulated_degC)
+    draw_residual(axes[1], time, residual(degC, simulated_degC))
+    draw_line(axes[2], time, record["current_A"], held=True, color=COLOURS["current"], linewidth=0.9)
     axes[0].set_ylabel(f"temperature / {DEGREE}")
     axes[1].set_ylabel("measured - model\n/ K")
-    axes[2].set(xlabel="time / s", ylabel="current / A" if one.drive is None else "drive\n/ of full drive")
+    axes[2].set(xlabel="time / s", ylabel="current / A" if record.drive is None else "drive\n/ of full drive")
     return saved(fig, folder, f"plate{suffix}", "The plate's temperature, simulated from its drive alone.")
 
 
@@ -278,24 +279,21 @@ def _write_identification_page(folder: Path, found: Identified, result: Mapping[
             for out in result["left_out"]
         ]
         parts.append(section("Temperatures that were left out", bullets(gone)))
-    compared = found.film_comparisons()
-    for k, (one, own) in enumerate(zip(compared, found.numbers, strict=True)):
-        suffix = f"_{k + 1}" if len(compared) > 1 else ""
-        name = f" of {Path(one.source).name}" if suffix else ""
+    for k, (course, own) in enumerate(zip(found.courses(), found.numbers, strict=True)):
+        several = len(found.numbers) > 1
+        suffix, name = (f"_{k + 1}", f" of {Path(found.film_records[k].source).name}") if several else ("", "")
         parts.append(transition_section(folder, own.shown(), suffix, f"The transition{name}", own.forc))
-        rows, left = (one.time_s, one.degC), residual(one.measured, one.modelled, found.output)
-        parts.append(
-            section(
-                f"The model over the record{name}",
-                saved(drawn_loop(*rows, one.measured, one.modelled, found.output), folder, f"loop{suffix}", LOOP),
-                residual_figure(folder, *rows, left, unit, suffix),
-            )
-        )
+        time, degC, measured, modelled = course
+        loop = saved(drawn_loop(*course, found.output), folder, f"loop{suffix}", LOOP)
+        left = residual_figure(folder, time, degC, residual(measured, modelled, found.output), unit, suffix)
+        parts.append(section(f"The model over the record{name}", loop, left))
     if film is not None:
         notes = film["identifiability"]
         parts.append(section(NOT_DETERMINED, bullets(notes) if notes else paragraph("Nothing of the film.")))
     if "plate" in result:
-        parts.append(_plate(folder, result["plate"], found.plate_comparisons()))
+        assert found.plate is not None
+        simulated = list(zip(found.plate_records, found.plate.simulated_degC, strict=True))
+        parts.append(_plate(folder, result["plate"], simulated))
     write_page(folder / "report.html", "Film and plate from a record", lead, parts)
 
 
@@ -313,22 +311,18 @@ def plate_table(parameters: Iterable[tuple[str, float, float | None]], head: str
     return table([head, "value", "95 %", "unit"], rows)
 
 
-def _plate(folder: Path, plate: Mapping[str, Any], compared: Sequence[PlateComparison]) -> str:
+def _plate(folder: Path, plate: Mapping[str, Any], simulated: Sequence[tuple[Record, Array]]) -> str:
     found = [(name, one["value"], 0.5 * float(np.ptp(one["ci95"]))) for name, one in plate["parameters"].items()]
-    figures = [plate_figure(folder, one, f"_{k + 1}" if len(compared) > 1 else "") for k, one in enumerate(compared)]
+    suffixes = [f"_{k + 1}" for k in range(len(simulated))] if len(simulated) > 1 else [""]
+    figures = [plate_figure(folder, *one, suffix) for one, suffix in zip(simulated, suffixes, strict=True)]
     kind = "Peltier plate" if plate["kind"] == "peltier" else "heater"
     fitted = (
         f"Residual of the {kind} model: {plate['rmse_K']:.3g} K RMS, {plate['max_abs_K']:.3g} K at most; "
         f"the thermometer's noise is {plate['noise_K']:.2g} K."
     )
     drive = " (per full drive in the place of A)" if plate["drive"] is not None else ""
-    return section(
-        "The plate",
-        paragraph(fitted),
-        *figures,
-        plate_table(found, f"parameter{drive}"),
-        bullets(plate["identifiability"]),
-    )
+    numbers = plate_table(found, f"parameter{drive}")
+    return section("The plate", paragraph(fitted), *figures, numbers, bullets(plate["identifiability"]))
 
 
 def transition_section(

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.transition import numbers_of_record
 from rig.command.record_arguments import add_record_arguments, read_each
 from rig.core.faults import Faults
 from rig.notebook.files import as_records
@@ -55,8 +54,11 @@ def typed_on(path: Path, text: str) -> Record:
 
 
 def transition(record: Record) -> tuple[float | None, float | None]:
-    found = numbers_of_record(record, "minus_log10_ohm").transition.quantities
-    return found["heating_degC"].value, found["cooling_degC"].value
+    """Where the resistance passes its middle (degC), falling as on heating and rising as on cooling."""
+    read = np.isfinite(record["temperature_degC"])
+    degC, high = record["temperature_degC"][read], record["resistance_ohm"][read] > 10.0**3.5
+    found = {bool(high[k]): 0.5 * float(degC[k] + degC[k + 1]) for k in np.flatnonzero(np.diff(high))}
+    return found.get(True), found.get(False)
 
 
 def assert_the_loop(record: Record) -> None:
