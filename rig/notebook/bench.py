@@ -50,10 +50,9 @@ NO_FILE = Path("configuration")  # what messages call tables that stand in no fi
 
 
 Say = Callable[[str], None]
-Configuration = str | PathLike[str] | Mapping[str, Any]
 
 
-def tables_of(configuration: Configuration) -> tuple[Path, dict[str, Any]]:
+def tables_of(configuration: str | PathLike[str] | Mapping[str, Any]) -> tuple[Path, dict[str, Any]]:
     """Return the path of a configuration, and its tables, which are the caller's own. Raises Faults."""
     if isinstance(configuration, Mapping):
         return NO_FILE, deepcopy(dict(configuration))
@@ -150,7 +149,9 @@ class OpenBench:
 
 
 @contextmanager
-def open_bench(configuration: Configuration, *, unguarded: bool = False) -> Iterator[OpenBench]:
+def open_bench(
+    configuration: str | PathLike[str] | Mapping[str, Any], *, unguarded: bool = False
+) -> Iterator[OpenBench]:
     """Open the instruments of a configuration, identified, their limits set; the output is off, confirmed, before the
     block and after it, whatever ends the block.
 
@@ -180,7 +181,7 @@ def open_bench(configuration: Configuration, *, unguarded: bool = False) -> Iter
 
 
 def run(
-    configuration: Configuration,
+    configuration: str | PathLike[str] | Mapping[str, Any],
     out: Path | str | None = None,
     say: Say = lambda text: None,
     *,
@@ -194,7 +195,7 @@ def run(
 
 
 def calibrate(
-    configuration: Configuration,
+    configuration: str | PathLike[str] | Mapping[str, Any],
     out: Path | str | None = None,
     say: Say = lambda text: None,
     *,
@@ -229,7 +230,7 @@ class Simulation:
 
 @in_python()
 def simulate(
-    configuration: Configuration | None = None,
+    configuration: str | PathLike[str] | Mapping[str, Any] | None = None,
     *,
     effects: Iterable[str] = (),
     effect_files: Iterable[Path | str] = (),
