@@ -40,10 +40,12 @@ from rig.config.toml_file import parsed_toml, read_text
 from rig.core.faults import fault
 from rig.daemon.announcer import sent_event
 from rig.daemon.web_process import listening, why_not
-from rig.page import OVERVIEW, STATIC
 from rig.version import __version__
 from rig.web.page_server import (
     LONGEST_NAME,
+    OVERVIEW,
+    PAGE_CONNECTIONS,
+    STATIC,
     PageFiles,
     Refusal,
     Viewer,
@@ -53,9 +55,10 @@ from rig.web.page_server import (
     object_in,
     refusal_reply,
     refused,
+    serve_and_close,
+    server_of,
 )
 from rig.web.protection import LOOPBACK, Names, Protection, Sessions
-from rig.web.server import PAGE_CONNECTIONS, serve_and_close, server_of
 
 MOST_BENCHES = 200  # on one page: beyond that nobody looks at all of them
 
