@@ -1,8 +1,6 @@
 """Simulated films with hysteresis, measured over temperature, whose truth is known.
 
-A film is a sum of operators between two walls, w = min(max(w, low(v)), high(v)), both rising with the temperature v and
-low <= high. Walls tanh(a (v - c)) -+ r make a Prandtl-Ishlinskii film; walls that are steps make relays: a Preisach
-film, grains. To the sum comes a background D(v) without memory. `case_of` measures one film over one profile, with a
+`case_of` measures one film over one profile, with a
 thermometer and a meter, all drawn from a seed. Numpy only: nothing of the program that is judged is used.
 """
 
@@ -15,49 +13,11 @@ from statistics import NormalDist
 
 import numpy as np
 
-Array = np.ndarray
+from tests.truth import Array, Film
+
 Rng = np.random.Generator
 KINDS = ("play", "preisach", "grains", "moment", "other", "steep")
-FAR = 1e6  # degC, beyond every film
 EV_KELVIN = 8.617e-5 * np.log(10.0)  # Boltzmann's constant, eV/K, for decades
-
-
-@dataclass(frozen=True, eq=False)
-class Film:
-    """A film, whose output rises with temperature in the loop; in decades, or in the output's unit.
-
-    low, high: walls of the operators at one temperature, shape (operators,); wide: temperatures (degC) far beyond both
-    ends of the loop.
-    """
-
-    low: Callable[[float], Array]
-    high: Callable[[float], Array]
-    weights: Array
-    wide: Array
-    background: Callable[[Array], Array] = np.zeros_like
-
-    def saturated(self, hot: bool) -> Array:
-        """Return the memory far beyond the hot or the cold end."""
-        return self.low(FAR) if hot else self.high(-FAR)
-
-    def follow(self, degC: Array, memory: Array) -> tuple[Array, Array]:
-        """Return the output at each temperature, shape (rows,), and the last memory."""
-        outputs = np.empty(degC.size)
-        for row, v in enumerate(degC):
-            memory = np.minimum(np.maximum(memory, self.low(v)), self.high(v))
-            outputs[row] = self.weights @ memory
-        return outputs + self.background(degC), memory
-
-    def branch(self, degC: Array, heating: bool) -> Array:
-        """Return the major branch at increasing temperatures."""
-        way = 1 if heating else -1
-        return self.follow(degC[::way], self.saturated(hot=not heating))[0][::way]
-
-    def open_between(self, share: float) -> Array:
-        """Return the two temperatures between which the loop is open by this share of its height or more."""
-        gap = self.branch(self.wide, False) - self.branch(self.wide, True)
-        height = self.weights @ (self.saturated(True) - self.saturated(False))
-        return self.wide[gap > share * height][[0, -1]]
 
 
 @dataclass(frozen=True, eq=False)

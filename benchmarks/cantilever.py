@@ -23,7 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks._harness import options
-from benchmarks._paper_models import TABLE_1_DEGC, cantilever, damped_oscillation
+from benchmarks.paper import TABLE_1_DEGC, cantilever, damped_oscillation
 from rig.config.model_file import read_model
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -1,4 +1,4 @@
-"""Films of known truth, measured over temperature and identified: error, transition temperatures, computing time.
+"""Films of known truth, measured over temperature and identified: error and computing time.
 
     ./peltier benchmark films [--records 40] [--first SEED] [--kind KIND] [--workers 1] [--limit 120] [--json FILE]
     ./peltier benchmark films --check         # the films themselves: return-point memory, energy; identifies nothing
@@ -6,8 +6,8 @@
 Kinds: play (Prandtl-Ishlinskii films), preisach (500 to 2000 relays), grains (20 to 60 steps), moment (M(H), falling or
 rising background), other (NdNiO3, V2O3, films that rise, strain, polarization), steep (D about as steep as the loop).
 Of each: RMS of measured - model on the record over the least noise (what the true film leaves when it follows the same
-thermometer); RMS error from saturation on a profile that no fit has seen, without noise; whether the 95 % intervals of
-transition temperatures and hysteresis hold the truth; computing time of `identify`. A film whose process dies is bad.
+thermometer); RMS error from saturation on a profile that no fit has seen, without noise; computing time of `identify`.
+A film whose process dies is bad. The numbers of their transitions: `benchmark transition`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from benchmarks._film_truths import FAR, KINDS, Case, case_of  # noqa: E402
+from benchmarks._film_truths import KINDS, Case, case_of  # noqa: E402
+from tests.truth import FAR  # noqa: E402
 
 RECORD_ASKED = 1.1  # times the least noise
 FOLLOWED = ("play", "preisach", "moment", "other", "steep")  # kinds that a model can follow
@@ -62,27 +63,7 @@ def judged(seed: int, kind: str | None, limit_s: float) -> Row:
     row["record"] = found.film.rmse / math.hypot(case.noise, np.sqrt(np.nanmean(kept**2)))  # type: ignore[union-attr]
     wanted, given = case.fresh[case.column], fresh.columns[f"predicted_{predicted}"]
     left = np.log10(given / wanted) if decades else given - wanted
-    row["fresh"] = float(np.sqrt(np.mean(left**2)))
-    return row | {"numbers": numbers(case, found.document["transition"][0])}
-
-
-def numbers(case: Case, stated: Row) -> Row:
-    """Return how each number of the transition that has one true value was stated.
-
-    branch: whether the record holds the branches; value: None if none was stated; inside: whether the interval holds
-    the truth; off_K: distance of the value from it; half_K: half the interval.
-    """
-    found: Row = {}
-    for name, branch in zip(case.transition, (*case.branches, all(case.branches)), strict=True):
-        if (truth := case.transition[name]) is None:
-            continue
-        value, (low, high) = stated[name]["value"], stated[name]["ci95"] or (0.0, 0.0)
-        found[name] = {"branch": branch, "value": value}
-        if value is not None:
-            off = max(truth[0] - value, value - truth[1], 0.0)
-            inside = bool(low <= truth[1] and high >= truth[0])
-            found[name] |= {"inside": inside, "off_K": off, "half_K": 0.5 * (high - low)}
-    return found
+    return row | {"fresh": float(np.sqrt(np.mean(left**2)))}
 
 
 def outcomes(seeds: list[int], kind: str | None, workers: int, limit_s: float) -> list[Row]:
@@ -115,17 +96,7 @@ def faults(row: Row) -> list[str]:
         found.append(f"record {row['record']:.2f} times the least noise")
     if row["kind"] in FOLLOWED and row["inner"] and row["fresh"] > row["asked"]:
         found.append(f"fresh profile {row['fresh']:.2g} (asked {row['asked']:.2g})")
-    for name, one in row["numbers"].items():
-        if not one.get("inside", True):
-            of = "" if one["branch"] else " of a branch that the record lacks"
-            found.append(f"{name}{of} off by {one['off_K']:.2g} K, interval +- {one['half_K']:.2g}")
     return found
-
-
-def binomial_range(number: int, share: float = 0.95) -> tuple[int, int]:
-    """Return the counts between which 95 % of binomial draws lie."""
-    chance = [math.comb(number, k) * share**k * (1.0 - share) ** (number - k) for k in range(number + 1)]
-    return int(np.searchsorted(np.cumsum(chance), 0.025)), int(np.searchsorted(np.cumsum(chance), 0.975))
 
 
 def report(rows: list[Row]) -> None:
@@ -148,15 +119,7 @@ def report(rows: list[Row]) -> None:
             print(f"{row['seed']:5} {row['kind']:9} {'; '.join(bad)}  [{row['words']}; {row.get('model', 'no model')}]")
 
     good = [row for row in rows if "failed" not in row]
-    print("\n95 % intervals that hold the truth, of records with the branches that it takes")
-    for name in ("heating_degC", "cooling_degC", "hysteresis_K"):
-        told = [row["numbers"][name] for row in good if name in row["numbers"]]
-        have, lack = ([one for one in told if "inside" in one and one["branch"] is there] for there in (True, False))
-        low, high = binomial_range(len(have))
-        silent = sum(one["branch"] and one["value"] is None for one in told)
-        right, other = (sum(one["inside"] for one in some) for some in (have, lack))
-        print(f"  {name:14}{right} of {len(have)}, asked {low} to {high}; not stated in {silent}", end="; ")
-        print(f"without the branch {other} of {len(lack)}")
+    print()
     for kinds, name in ((FOLLOWED, "all but grains"), (("preisach",), "Preisach films")):
         some = [row for row in good if row["kind"] in kinds]
         within = sum(row["record"] <= RECORD_ASKED for row in some)

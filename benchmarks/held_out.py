@@ -1,12 +1,11 @@
 """Whether the error that a diagnosis says of another record is the one that whoever predicts that record gets.
 
-    ./peltier benchmark held_out [--seeds 10] [--first 0] [--data FOLDER] [--results FILE]
+    ./peltier benchmark held_out [--seeds 10] [--first 0] [--data FOLDER]
 
 For each case `peltier diagnose RECORD --holdout OTHER --out MODEL`, then `peltier predict MODEL OTHER --initial fitted`
 in another call, from the files alone: the error there over the one that was said, in each channel. Asked: within 5 %,
-on 50 blind cases (drawn by the generator of the diagnosis' tests: one, two or three hidden effects, none, a film of
-another kind; --seeds of each kind) and on the measured records of a folder, where it is there.
-Finished cases are lines of the results file; started again, the benchmark goes on where it was interrupted.
+on 50 simulated cases (`tests/truth.py`: one, two or three hidden effects, none, a film of another kind; --seeds of each
+kind) and on the measured records of a folder, where it is there.
 """
 
 from __future__ import annotations
@@ -28,9 +27,10 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from rig.__main__ import main as peltier  # noqa: E402
-from tests.sim.diagnosis.cases import case, write_record  # noqa: E402
+from rig.records.record_file import write_columns  # noqa: E402
+from tests.truth import drawn_effects, record  # noqa: E402
 
-KINDS = ("one", "two", "three", "clean", "other_film")
+KINDS = {"one": 1, "two": 2, "three": 3, "clean": 0, "other_film": 0}  # effects that are hidden
 ASKED = 0.05  # relative
 DUTY = ("time_s=time@s", "temperature_degC=temp@degC", "current_A=output@duty")
 LOGGED = ("time_s=t_s", "temperature_degC=T_C@degC", "current_A=duty@duty")
@@ -55,12 +55,12 @@ def asked(words: Sequence[object]) -> dict[str, Any]:
     return dict(json.loads(out.getvalue()))
 
 
-def compared(name: str, record: Path, other: Path, options: Sequence[str], columns: Sequence[str] = ()) -> Row:
+def compared(name: str, record: Path, other: Path, columns: Sequence[str] = ()) -> Row:
     """One case: of each channel the error that was said, the one that was got, and both's ratio."""
     typed = [word for column in columns for word in ("--column", column)]
     with tempfile.TemporaryDirectory() as folder:
         model = Path(folder) / "model.toml"
-        said = asked(["diagnose", record, "--holdout", other, "--out", model, *options, *typed])
+        said = asked(["diagnose", record, "--holdout", other, "--out", model, *typed])
         got = asked(["predict", model, other, "--initial", "fitted", *typed])
     row: Row = {"name": name, "found": [effect["name"] for effect in said["effects"]], "verdict": said["verdict"]}
     for channel, figure in ERRORS.items():
@@ -71,21 +71,13 @@ def compared(name: str, record: Path, other: Path, options: Sequence[str], colum
 
 
 def blind(kind: str, seed: int) -> Row:
-    """A blind case with its record of another profile."""
-    drawn = case(kind, seed)
-    assert drawn.holdout is not None
-    options = [word for key, value in drawn.options.items() for word in (f"--{key}", str(value))]
+    """A simulated case with its record of another profile."""
+    hidden, film = drawn_effects(seed, KINDS[kind]), "outside" if kind == "other_film" else "class"
     with tempfile.TemporaryDirectory() as folder:
-        record, other = Path(folder) / "record.csv", Path(folder) / "other.csv"
-        write_record(drawn, record)
-        write_record(drawn, other, drawn.holdout)
-        return {**compared(f"{kind} {seed}", record, other, options), "hidden": list(drawn.hidden)}
-
-
-def done(results: Path) -> dict[str, Row]:
-    """Finished cases by name."""
-    lines = results.read_text(encoding="utf-8").splitlines() if results.is_file() else []
-    return {row["name"]: row for row in map(json.loads, lines) if "error" not in row}
+        one, other = Path(folder) / "record.csv", Path(folder) / "other.csv"
+        write_columns(one, record(seed, hidden, film))
+        write_columns(other, record(seed, hidden, film, profile=seed + 1))
+        return {**compared(f"{kind} {seed}", one, other), "hidden": list(hidden)}
 
 
 def main() -> int:
@@ -93,23 +85,18 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=10, help="of each kind")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--data", type=Path, metavar="FOLDER", help="of measured records")
-    parser.add_argument("--results", type=Path, default=Path("held_out.jsonl"), metavar="FILE")
     options = parser.parse_args()
     wanted = [(f"{k} {s}", blind, (k, s)) for s in range(options.first, options.first + options.seeds) for k in KINDS]
     for one, other, columns in MEASURED if options.data is not None else ():
         name = f"{one} to {other}"
-        wanted.append((name, compared, (name, options.data / one, options.data / other, (), columns)))
-    rows = done(options.results)
+        wanted.append((name, compared, (name, options.data / one, options.data / other, columns)))
+    found: list[Row] = []
     for name, measure, of in wanted:
-        if name not in rows:
-            try:
-                rows[name] = measure(*of)
-            except RuntimeError as error:
-                rows[name] = {"name": name, "error": str(error)}
-            with options.results.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(rows[name]) + "\n")
-        print(rows[name], flush=True)
-    found = [rows[name] for name, _, _ in wanted]
+        try:
+            found.append(measure(*of))
+        except RuntimeError as error:
+            found.append({"name": name, "error": str(error)})
+        print(found[-1], flush=True)
     refused = sum("error" in row for row in found)
     ratios = {c: sorted(row[c][2] for row in found if c in row) for c in ERRORS}
     print(f"\n{len(found)} cases, {refused} refused; error got over error said, asked 1 within {ASKED:g}")

@@ -3,7 +3,7 @@
     ./peltier benchmark late_correction [--seeds N] [--first 10] [--film outside|class]
 
 Plate, films, target and noise are those of `benchmark tracking`. For each film the rig is calibrated, and the full law
-runs beside the plant (`_beside_the_plant`) without a delay and with one of 1 s that it knows exactly. What the film
+runs beside the plant (`_bench`) without a delay and with one of 1 s that it knows exactly. What the film
 model gets wrong of the true course is an error along that course. It is then predicted from the ohmmeter's readings,
 one a period and each the mean of two integrations as the law has them, as late as they reach the film: half a period,
 the readings' age, and the delay. The predictor is a Kalman filter for a
@@ -14,41 +14,35 @@ and in brackets the largest: the predictor's own largest, which another predicto
 
 from __future__ import annotations
 
-import shutil
 import sys
 import tempfile
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks._beside_the_plant import AGES_S, OHMMETER_S, PERIOD_S, driven, placed
-from benchmarks._harness import options, side_by_side
-from benchmarks._hidden_effects import EffectPlant, Hidden
-from benchmarks._tracked_plant import NOISE_DEC
-from benchmarks._tracking_runs import (
-    FILMS,
+from benchmarks._bench import (
+    AGES_S,
     HOT_DEGC,
     NOMINAL,
+    OHMMETER_S,
+    PERIOD_S,
     SETTLE_S,
-    Bench,
-    Film,
-    Run,
-    configuration,
+    calibrated,
     course,
+    driven,
     error,
-    span,
+    placed,
 )
+from benchmarks._harness import options, side_by_side
 from compensator.hysteresis.film import FilmModel
 from rig.config.configuration import read_configuration
-from rig.config.model_file import read_model
 from rig.experiment.extended_model import chain_observer
 from rig.experiment.tracking import law_and_design
 from sim.effects.actuator_delay import EFFECT as DELAY
 from sim.effects.effect import switched
+from tests.truth import FILMS, NOISE_DEC, Plant
 
 DELAY_S = 1.0
 STEP_S = 0.01  # of the courses that are compared: a tenth of a period
@@ -60,10 +54,8 @@ Errors = tuple[float, float]  # RMS and largest, in n
 
 
 def predicted(true_log_ohm: np.ndarray, off: np.ndarray, used: np.ndarray, late_s: float) -> Errors:
-    """What the best of the predictors leaves of the model's error `off`, from readings that are late_s old.
-
-    It is the one whose RMS is least; means over the noises drawn.
-    """
+    """What the best of the predictors leaves of the model's error `off`, from readings that are late_s old:
+    the one whose RMS is least; means over the noises drawn."""
     late, every = round(late_s / STEP_S), round(PERIOD_S / STEP_S)
     moved = np.abs(np.diff(true_log_ohm, prepend=true_log_ohm[0]))
     chance = np.random.default_rng(0)
@@ -88,7 +80,7 @@ def _left(
     return float(np.sqrt(np.mean(left**2))) / NOISE_DEC, float(np.max(np.abs(left))) / NOISE_DEC
 
 
-def model_error(film: FilmModel, plant: EffectPlant) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def model_error(film: FilmModel, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(times in s, true log10 R, the same less the model's) over the plant's course, which begins as `placed` says."""
     time, degC, log_ohm = np.array(plant.course).T
     _, memory = film.step(float(degC[0]), film.initial_memory(HOT_DEGC, "heated"))
@@ -100,44 +92,25 @@ def model_error(film: FilmModel, plant: EffectPlant) -> tuple[np.ndarray, np.nda
 def measured(case: tuple[str, int]) -> dict[float, tuple[Errors, Errors]]:
     """(Of the law, of the best predictor) by the delay (s), on one film."""
     kind, seed = case
-    film, folder = Film(kind, seed, ()), Path(tempfile.mkdtemp(prefix="late-"))
-    (folder / "target.csv").write_text("time_s,target_ohm\n0,1e4\n1,1e4\n")
-    try:
-        text = Bench(film, Run("cal"), folder).command("calibrate", "target.csv")
-        if text:
-            raise RuntimeError(text)
-        model = read_model(folder / "cal" / "MODEL.toml", needs=("film", "plate"))
-        path = folder / "config.toml"
-        path.write_text(configuration(film, Run("full"), "cal/MODEL.toml"))
-        content = read_configuration(path).content
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    times, values = course(*span(FILMS[kind](seed)), seed)
+    with tempfile.TemporaryDirectory(prefix="late-") as folder:
+        model = calibrated(Path(folder), FILMS[kind](seed), seed)
+        content = read_configuration(Path(folder) / "config.toml").content
+    assert model.film is not None
+    times, values = course(FILMS[kind](seed), seed)
     found = {}
     for delay_s in (0.0, DELAY_S):
-        effects = [switched(DELAY, {"delay_s": delay_s})] if delay_s else []
-        found[delay_s] = _on_one_delay(film, replace(model, effects=()), content, effects, delay_s, times, values)
+        hidden = {"actuator_delay": {"delay_s": delay_s}}
+        effects = [switched(DELAY, hidden["actuator_delay"])] if delay_s else []
+        observer = chain_observer(effects, model.plate, model.film, PERIOD_S)
+        law, _ = law_and_design("full", content, model.film, model.plate, observer)
+        plant = Plant(NOMINAL, FILMS[kind](seed), seed, 0.0, hidden)
+        state = placed(plant, law, model.film, values[0])
+        driven(plant, law, state, lambda t: np.interp(t - SETTLE_S, times, values), SETTLE_S + times[-1])
+        grid, true_log_ohm, off = model_error(model.film, plant)
+        used = (grid >= SETTLE_S) & (grid <= SETTLE_S + times[-1])
+        least = predicted(true_log_ohm, off, used, delay_s + 0.5 * PERIOD_S + sum(AGES_S))
+        found[delay_s] = error(plant, SETTLE_S, times, values), least
     return found
-
-
-def _on_one_delay(
-    film: Film,
-    model: Any,
-    content: Any,
-    effects: Any,
-    delay_s: float,
-    times: list[float],
-    values: list[float],
-) -> tuple[Errors, Errors]:
-    observer = chain_observer(effects, model.plate, model.film, PERIOD_S)
-    law, _ = law_and_design("full", content, model.film, model.plate, observer)
-    plant = EffectPlant(NOMINAL, FILMS[film.kind](film.seed), film.seed, 0.0, Hidden(delay_s=delay_s))
-    state = placed(plant, law, model.film, values[0], HOT_DEGC)
-    driven(plant, law, state, lambda t: np.interp(t - SETTLE_S, times, values), SETTLE_S + times[-1])
-    grid, true_log_ohm, off = model_error(model.film, plant)
-    used = (grid >= SETTLE_S) & (grid <= SETTLE_S + times[-1])
-    least = predicted(true_log_ohm, off, used, delay_s + 0.5 * PERIOD_S + sum(AGES_S))
-    return error(plant, SETTLE_S, times, values), least
 
 
 def told(errors: Errors) -> str:

@@ -217,13 +217,14 @@ def memory(cases: int) -> bool:
 
 
 def _diagnose(seed: int) -> tuple[str, float]:
+
     from rig.analysis.diagnosed import diagnosed
     from rig.records.record import Record
-    from tests.sim.diagnosis.cases import case
+    from tests.truth import drawn_effects, record
 
-    truth = case("one", seed, rows=6000)
+    columns = record(seed, drawn_effects(seed, 1), rows=6000)
     began = time.perf_counter()
-    document = diagnosed(Record(dict(truth.columns)))[0].document()
+    document = diagnosed(Record(columns))[0].document()
     return json.dumps(document["effects"], default=float, sort_keys=True), time.perf_counter() - began
 
 

@@ -16,32 +16,32 @@ from rig.__main__ import main
 from rig.config.model_file import read_model
 from rig.records.record_file import write_columns
 from rig.report.diagnosis_words import model_comment
-from tests.sim.diagnosis.cases import case, write_record
 from tests.sim.diagnosis.plate_record import record as plate_record
+from tests.truth import NOISE_DEC, record
 
 Peltier = Callable[..., tuple[int, str, str]]
+ROWS, TAU_S = 2000, 1.0
 
 
 @pytest.fixture(scope="module")
-def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any, Any]:
-    """A folder with a record that has one hidden effect, the case, and what the diagnosis says of it."""
+def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+    """A folder with a record that has one hidden effect, and what the diagnosis says of it."""
     folder = tmp_path_factory.mktemp("diagnosed")
-    hidden = case("one", 1, effect="film_lag", rows=3000)
-    write_record(hidden, folder / "record.csv")
+    write_columns(folder / "record.csv", record(2, {"film_lag": {"tau_s": TAU_S}}, rows=ROWS))
     words = ["diagnose", folder / "record.csv", "--json", folder / "out.json", "--report", folder / "report"]
     assert main([str(word) for word in words]) == 0
-    return folder, hidden, json.loads((folder / "out.json").read_text())
+    return folder, json.loads((folder / "out.json").read_text())
 
 
-def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> None:
-    _, hidden, said = diagnosed
+def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any]) -> None:
+    _, said = diagnosed
     assert said["format"] == "peltier-diagnosis/1"
     assert set(said) == {
         "format", "verdict", "effects", "channels", "unexplained", "film", "plate", "assumed", "candidates",
         "upper_limits", "rows", "records", "holdouts", "warnings", "next_experiment", "model",
     }  # fmt: skip
     rows = said["rows"]
-    assert rows["fitted"] + rows["deciding"] + rows["judging"] == hidden.columns["time_s"].size
+    assert rows["fitted"] + rows["deciding"] + rows["judging"] == ROWS
     assert min(rows["deciding"], rows["judging"]) > 0.08 * rows["fitted"]
     assert said["channels"]["resistance_dec"]["samples_holdout"] <= rows["judging"]
     assert {left["rule"] for left in rows["left_out"]} == {"stamped where the plate is not known"}  # both ends
@@ -50,7 +50,7 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> 
     assert "film_lag" not in limits
     assert 0.0 < limits["series_resistance"]["limit95"] < 1e3
     assert said["verdict"] == "explained"
-    assert [effect["name"] for effect in said["effects"]] == list(hidden.hidden)
+    assert [effect["name"] for effect in said["effects"]] == ["film_lag"]
     effect = said["effects"][0]
     assert set(effect) == {
         "name",
@@ -62,10 +62,10 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> 
         "gain",
     }
     tau = effect["parameters"]["tau_s"]
-    assert tau["value"] == pytest.approx(hidden.hidden["film_lag"]["tau_s"], rel=0.1)
+    assert tau["value"] == pytest.approx(TAU_S, rel=0.1)
     assert tau["ci95"][0] < tau["value"] < tau["ci95"][1]
     channel = said["channels"]["resistance_dec"]
-    assert channel["noise"] == pytest.approx(hidden.noise["resistance_dec"], rel=0.1)
+    assert channel["noise"] == pytest.approx(NOISE_DEC, rel=0.1)
     assert channel["rmse_extended"] < 1.1 * channel["noise"] < channel["rmse_base"]
     assert said["film"]["memoryless"] in ("none", "linear", "arrhenius", "tanh", "polynomial", "sin", "cos")
     assert said["film"]["operators"] >= 1
@@ -97,9 +97,9 @@ def test_what_tells_held_out_rows_better_and_is_not_named_is_shown(
 
 
 def test_the_extended_model_predicts_as_well_as_the_diagnosis_says(
-    diagnosed: tuple[Path, Any, Any], peltier: Peltier
+    diagnosed: tuple[Path, Any], peltier: Peltier
 ) -> None:
-    folder, _, said = diagnosed
+    folder, said = diagnosed
     model = read_model(Path(said["model"]))
     assert model.film is not None
     assert model.plate is not None
@@ -113,8 +113,8 @@ def test_the_extended_model_predicts_as_well_as_the_diagnosis_says(
     assert predicted["rmse_K"] < 1.1 * said["channels"]["temperature_K"]["rmse_extended"]
 
 
-def test_the_report_is_one_page_with_figures_and_the_json_beside_it(diagnosed: tuple[Path, Any, Any]) -> None:
-    folder, _, said = diagnosed
+def test_the_report_is_one_page_with_figures_and_the_json_beside_it(diagnosed: tuple[Path, Any]) -> None:
+    folder, said = diagnosed
     page = (folder / "report" / "report.html").read_text(encoding="utf-8")
     assert "Explained: the film lags behind the plate (film_lag, tau" in page
     assert page.count("<svg") == 10  # five figures, each for two widths

@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks._hidden_effects import EffectPlant, Hidden
-from benchmarks._tracked_plant import NOISE_DEC, Plate
 from compensator.control.design import design_temperature
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs
@@ -20,6 +18,7 @@ from rig.experiment.extended_model import chain_observer
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
 from tests.compensator.film_models import TEN_OPERATORS as FILM
+from tests.truth import NOISE_DEC, Effects, Plant, Plate, film_of_the_class
 
 PLATE = PlateModel(0.05 / 30.0, 2.0 / 30.0, 0.5 / 30.0, 25.0)
 SLOPED = replace(PLATE, seebeck_slope_per_K=0.002, resistance_slope_per_K=0.004)
@@ -28,17 +27,13 @@ PERIOD_S, OHMMETER_S, THERMOMETER_S, COMMAND_S = 0.1, 0.027, 0.063, 0.080
 TEST_A = 1e-4
 TIMES, WANTED = [0.0, 20.0, 60.0, 75.0, 110.0, 120.0], [-4.2, -4.2, -3.8, -3.8, -4.1, -4.1]
 SECONDS, SETTLED_S, HORIZON_S = 115, 15.0, 2.4
-EFFECTS = {
-    "none": (Hidden(), {}),
-    "film_lag": (Hidden(film_lag_s=2.0), {"film_lag": {"tau_s": 2.0}}),
-    "sensor_lag": (Hidden(sensor_lag_s=2.0), {"sensor_lag": {"tau_s": 2.0}}),
-    "self_heating": (Hidden(theta_K_per_W=3000.0), {"self_heating": {"theta_K_per_W": 3000.0}}),
-    "actuator_delay": (Hidden(delay_s=1.0), {"actuator_delay": {"delay_s": 1.0}}),
-    "film_drift": (Hidden(film_drift_K_per_h=20.0), {"film_drift": {"drift_K_per_h": 20.0}}),
-    "heat_sink_warmup": (
-        Hidden(sink_capacity_ratio=10.0, sink_conductance_ratio_per_s=0.167),
-        {"heat_sink_warmup": {"sink_capacity_ratio": 10.0, "sink_conductance_ratio_per_s": 0.167}},
-    ),
+EFFECTS: Effects = {
+    "film_lag": {"tau_s": 2.0},
+    "sensor_lag": {"tau_s": 2.0},
+    "self_heating": {"theta_K_per_W": 3000.0},
+    "actuator_delay": {"delay_s": 1.0},
+    "film_drift": {"drift_K_per_h": 20.0},
+    "heat_sink_warmup": {"sink_capacity_ratio": 10.0, "sink_conductance_ratio_per_s": 0.167},
 }
 
 
@@ -54,7 +49,7 @@ class TrueFilm:
 
 
 def law_for(name: str, known: bool, plate: PlateModel = PLATE) -> Law:
-    effects = [switched(catalogue()[effect], values) for effect, values in EFFECTS[name][1].items()] if known else []
+    effects = [switched(catalogue()[name], EFFECTS[name])] if known and name in EFFECTS else []
     observer = chain_observer(effects, plate, FILM, PERIOD_S)
     gains = design_temperature(PERIOD_S, PERIOD_S + (observer.delay_s if observer else 0.0), 1.4).gains
     coming = preview(HORIZON_S, PERIOD_S, observer.film_lag_s if observer else 0.0)
@@ -65,11 +60,11 @@ def error_dec(name: str, known: bool, true: PlateModel = PLATE) -> float:
     """RMS of the film's own error over the course, after it has settled, by a law that knows the plate."""
     law, hot = law_for(name, known, true), FILM.initial_memory(85.0, "heated")
     first = Inverse(FILM, 10.0, 95.0).solve(WANTED[0], hot)
-    hidden = EFFECTS[name][0]
-    plant = EffectPlant(TRULY[true], TrueFilm(), 1, 0.0, hidden)
-    plant.film = TrueFilm()  # from the hot end, not from where the plant was made
+    hidden = {name: EFFECTS[name]} if name in EFFECTS else {}
+    plant = Plant(TRULY[true], film_of_the_class(1), 1, 0.0, hidden)
+    plant.film = TrueFilm()  # type: ignore[assignment]
     plant.test_current_A, plant.log_ohm = TEST_A, plant.film.log_ohm(first.temperature_degC)
-    plate_degC = first.temperature_degC - hidden.theta_K_per_W * TEST_A**2 * 10.0**plant.log_ohm
+    plate_degC = first.temperature_degC - plant.theta_K_per_W * TEST_A**2 * 10.0**plant.log_ohm
     plant.degC = plant.shown_degC = plant.lagged_degC = plate_degC
     memory = FILM.step(first.temperature_degC, hot)[1]
     state, ahead = law.start(plate_degC, memory, test_current_A=TEST_A), law.preview_times_s()
@@ -94,7 +89,7 @@ def without() -> float:
     return error_dec("none", known=True)
 
 
-@pytest.mark.parametrize("name", [name for name in EFFECTS if name != "none"])
+@pytest.mark.parametrize("name", EFFECTS)
 def test_a_known_effect_costs_next_to_nothing(name: str, without: float) -> None:
     """Behind a delay, what the plate is off its reference is mended slowly: that costs a third of the ohmmeter's noise,
     three quarters of it without any noise as well."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks._watched_plant import WatchedPlant, drawn
+from benchmarks.watch import WatchedPlant
 from rig.safety.plate_watch import PlateWatch, first_plate
 from rig.safety.switching_off import OffCheck, curves_of_plate
 
@@ -18,8 +18,8 @@ class Bench:
     """A plant, and its thermometer behind it (lag_s)."""
 
     def __init__(self, capacity: float, seed: int, lag_s: float) -> None:
-        self.plant = WatchedPlant(drawn(seed, capacity, LIMIT_A), seed, 0.0, None, lambda _: False)
-        self._lag_s, self._shown_degC = lag_s, self.plant.plate_degC
+        self.plant = WatchedPlant(seed, capacity, 0.0, "", lambda _: False)
+        self._lag_s, self._shown_degC = lag_s, self.plant.degC
 
     def after(self, seconds: float, current_A: float) -> tuple[float, float]:
         """(time, reading) when a current has been on for so long."""

@@ -1,10 +1,10 @@
-"""What a diagnosis says, beside the truth of its case."""
+"""What a diagnosis says, beside the truth of its record."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from tests.sim.diagnosis.cases import Case
+from tests.truth import Effects
 
 
 def names(document: dict[str, Any]) -> set[str]:
@@ -12,12 +12,11 @@ def names(document: dict[str, Any]) -> set[str]:
     return {effect["name"] for effect in document["effects"]}
 
 
-def covered(document: dict[str, Any], blind: Case, widths: float = 2.0) -> None:
-    """True parameters within two half-widths of their interval: four standard deviations."""
+def covered(document: dict[str, Any], hidden: Effects) -> None:
+    """True parameters within two half-widths of their interval, four standard deviations, and no interval that holds
+    anything."""
     for effect in document["effects"]:
         for name, found in effect["parameters"].items():
-            if found["ci95"] is None:
-                continue
-            low, high = found["ci95"]
-            truth = blind.hidden[effect["name"]][name]
-            assert low - (widths - 1.0) * (high - low) <= truth <= high + (widths - 1.0) * (high - low), (name, truth)
+            (low, high), truth = found["ci95"], hidden[effect["name"]][name]
+            assert 2.0 * low - high <= truth <= 2.0 * high - low, (name, truth)
+            assert high - low < 0.5 * abs(truth)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,25 +17,22 @@ from sim.inference.joint.starts import plate_fit
 from sim.inference.noise import Readings, estimate
 from sim.inference.nuisance import resting_K
 from sim.inference.record.record import read_columns
-from tests.sim.diagnosis.cases import case
+from tests.truth import record
 
 
-def chosen(kind: str, seed: int, **choice: Any) -> tuple[dict[str, dict[str, float]], Selected]:
-    truth = case(kind, seed, rows=3000, **choice)
-    columns = {name: truth.columns[name] for name in ("time_s", "temperature_degC", "current_A")}
-    return truth.hidden, selected(
-        read_columns(columns, held_out=False), ("peltier",), (), Search(list(catalogue().values()))
-    )
+def chosen(columns: dict[str, np.ndarray], kind: Literal["peltier", "heater"] = "peltier") -> Selected:
+    plate = {name: columns[name] for name in ("time_s", "temperature_degC", "current_A")}
+    return selected(read_columns(plate, held_out=False), (kind,), (), Search(list(catalogue().values())))
 
 
-@pytest.mark.parametrize("seed", [200100, 200104])
-def test_radiation_is_not_lost_to_a_modules_slopes(seed: int) -> None:
+def test_radiation_is_not_lost_to_a_modules_slopes() -> None:
     """Else a plate that radiates passes for a module whose Seebeck coefficient falls with temperature."""
-    hidden, found = chosen("one", seed, effect="radiative_loss")
+    loss_per_K3_s = 2e-11
+    found = chosen(record(1, {"radiative_loss": {"loss_per_K3_s": loss_per_K3_s}}))
     assert [e.name for e in found.fit.effects] == ["radiative_loss"]
     assert not found.fit.joint.slopes
     value, _ = intervals(found.fit, found.fit.covariance().standard_errors)["radiative_loss"]["loss_per_K3_s"]
-    assert value == pytest.approx(hidden["radiative_loss"]["loss_per_K3_s"], rel=0.3)
+    assert value == pytest.approx(loss_per_K3_s, rel=0.3)
 
 
 def test_a_modules_slopes_are_no_effect() -> None:
@@ -53,18 +50,19 @@ def test_a_modules_slopes_are_no_effect() -> None:
         "temperature_degC": np.array(shown) + 0.01 * rng.standard_normal(time.size),
         "current_A": current,
     }
-    found = selected(read_columns(columns, held_out=False), ("peltier",), (), Search(list(catalogue().values())))
+    found = chosen(columns)
     assert not found.fit.effects
     assert found.fit.joint.slopes
 
 
 def test_a_dead_band_is_found_between_its_jumps() -> None:
     """Else a descent that sees no slope leaves the band where it began, and blames something else for the rest."""
-    hidden, found = chosen("one", 201005, effect="actuator_deadband")
+    deadband_A, current = 0.15, np.repeat(np.random.default_rng(1).uniform(-0.5, 1.0, 100), 30)
+    found = chosen(record(1, {"actuator_deadband": {"deadband_A": deadband_A}}, current=current))
     assert [e.name for e in found.fit.effects] == ["actuator_deadband"]
     _, interval = intervals(found.fit, found.fit.covariance().standard_errors)["actuator_deadband"]["deadband_A"]
     assert interval is not None
-    assert interval[0] <= hidden["actuator_deadband"]["deadband_A"] <= interval[1]
+    assert interval[0] <= deadband_A <= interval[1]
 
 
 def test_a_current_that_only_heats_moves_its_plate() -> None:
@@ -107,9 +105,7 @@ def test_an_effect_may_leave_something_slower() -> None:
         "temperature_degC": np.array(shown) + 0.05 * rng.standard_normal(4000),
         "current_A": drive,
     }
-    search = Search(list(catalogue().values()))
-    found = selected(read_columns(columns, held_out=False), ("heater",), (), search)
-    assert "sensor_lag" in [e.name for e in found.fit.effects]
+    assert "sensor_lag" in [e.name for e in chosen(columns, "heater").fit.effects]
 
 
 def test_a_record_may_begin_while_the_rig_runs() -> None:

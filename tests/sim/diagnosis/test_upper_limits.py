@@ -1,39 +1,27 @@
-"""Upper limits: above the true size of what is too small to be named, and not far above what could have been found."""
+"""Upper limits: above the true size of what is too small to be named, and not far above what would be found."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
 from typing import Any, cast
 
-import pytest
-
 from rig.report.diagnosis_words import limit_lines
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.result import UpperLimit
-from tests.sim.diagnosis.cases import case
+from tests.truth import record
 
 
-@pytest.mark.parametrize(
-    ("effect", "parameter", "seed"),
-    [
-        ("self_heating", "theta_K_per_W", 1),
-        pytest.param("parallel_leakage", "leakage_ohm", 2, marks=pytest.mark.long),
-        pytest.param("heat_sink_warmup", "sink_capacity_ratio", 1, marks=pytest.mark.long),
-        pytest.param("film_lag", "tau_s", 1, marks=pytest.mark.long),
-        pytest.param("actuator_deadband", "deadband_A", 2, marks=pytest.mark.long),
-    ],
-)
-def test_the_true_size_is_below_and_not_far(effect: str, parameter: str, seed: int) -> None:
-    hidden = case("smallest", seed, effect=effect, factor=0.6, any_size=True)
-    found = diagnose(hidden.columns)
-    assert effect not in [f.name for f in found.findings]
-    limits = {limit.name: limit for limit in found.limits}
-    assert limits[effect].parameter == parameter
-    allowed, half = limits[effect].limit, hidden.details["smallest"]
-    assert allowed is not None
-    assert limits[effect].from_below == (effect in ("parallel_leakage", "heat_sink_warmup"))
-    above = half / allowed if limits[effect].from_below else allowed / half
-    assert 0.6 < above < 3.0
+def test_a_size_below_the_limit_is_not_named_and_one_above_it_is() -> None:
+    """Else "no leads above 100 ohm" is said of a bench that has more, or could have been said of any bench."""
+    hidden_ohm = 10.0
+    found = diagnose(record(1, {"series_resistance": {"series_ohm": hidden_ohm}}, rows=2000))
+    assert found.findings == ()
+    (limit,) = [limit for limit in found.limits if limit.name == "series_resistance"]
+    assert (limit.parameter, limit.from_below) == ("series_ohm", False)
+    assert limit.limit is not None
+    assert limit.limit > hidden_ohm
+    larger = diagnose(record(1, {"series_resistance": {"series_ohm": 3.0 * limit.limit}}, rows=2000))
+    assert [finding.name for finding in larger.findings] == ["series_resistance"]
 
 
 def test_a_limit_is_read_beside_the_usual_sizes() -> None:
