@@ -1,7 +1,6 @@
 """Films of known truth, measured over temperature and identified: error and computing time.
 
     ./peltier benchmark films [--records 40] [--first SEED] [--kind KIND] [--workers 1] [--limit 120] [--json FILE]
-    ./peltier benchmark films --check         # the films themselves: return-point memory, energy; identifies nothing
 
 Kinds: play (Prandtl-Ishlinskii films), preisach (500 to 2000 relays), grains (20 to 60 steps), moment (M(H), falling or
 rising background), other (NdNiO3, V2O3, films that rise, strain, polarization), steep (D about as steep as the loop).
@@ -30,8 +29,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from benchmarks._film_truths import KINDS, Case, case_of  # noqa: E402
-from tests.truth import FAR  # noqa: E402
+from benchmarks._film_truths import KINDS, case_of  # noqa: E402
 
 RECORD_ASKED = 1.1  # times the least noise
 FOLLOWED = ("play", "preisach", "moment", "other", "steep")  # kinds that a model can follow
@@ -130,36 +128,6 @@ def report(rows: list[Row]) -> None:
     print(f"failed: {len(rows) - len(good)} of {len(rows)}, asked none")
 
 
-def wrong_with(case: Case, again: Case) -> list[str]:
-    """Return what is wrong with a film itself."""
-    film, rng = case.film, np.random.default_rng(case.seed)
-    low, high = case.ends
-    height = film.weights @ (film.saturated(True) - film.saturated(False))
-    cold, grid = film.saturated(False), np.linspace(low, high, 400)
-    a, b, c = np.sort(rng.uniform(low, high, 3))
-    before = film.follow(np.array([low, c, a, b]), cold)[1]
-    course = np.r_[np.linspace(b, a, 300), np.linspace(a, b, 300)]
-    loop, after = film.follow(course, before)
-    loop -= film.background(course)
-    energy = -float(np.sum(0.5 * (loop[1:] + loop[:-1]) * np.diff(course)))
-    finer = film.follow(np.union1d(grid, rng.uniform(low, high, 900)), cold)[1]
-    walls = np.array([[film.low(v), film.high(v)] for v in film.wide[::10]])
-    open_by = np.abs(film.branch(grid, True) - film.branch(grid, False))
-    facts = {
-        "a seed gives two records": all(
-            np.array_equal(case.columns[one], again.columns[one], True) for one in case.columns
-        ),
-        "its walls cross": bool(np.all(walls[:, 0] <= walls[:, 1] + 1e-12)),
-        "its walls fall": bool(np.all(np.diff(walls, axis=0) >= 0.0)),
-        "a closed minor loop leaves a trace": np.array_equal(before, after),
-        "a closed minor loop gives energy": energy >= -1e-9 * height,
-        "its memory depends on the rate": np.array_equal(finer, film.follow(grid, cold)[1]),
-        "history survives saturation": np.array_equal(film.follow(np.array([FAR]), after)[1], film.saturated(True)),
-        "the loop is open at its ends": max(open_by[0], open_by[-1]) < 2e-3 * height,
-    }
-    return [f"{case.seed} {case.kind}: {what}" for what, right in facts.items() if not right]
-
-
 def main() -> int:
     """Judge the films that were asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -169,13 +137,8 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--limit", type=float, default=120.0, help="seconds of computing for a film")
     parser.add_argument("--json", type=Path, help="the figures of each film")
-    parser.add_argument("--check", action="store_true")
     asked = parser.parse_args()
     seeds = list(range(asked.first, asked.first + asked.records))
-    if asked.check:
-        wrong = [line for one in seeds for line in wrong_with(case_of(one, asked.kind), case_of(one, asked.kind))]
-        print("\n".join(wrong) or f"{len(seeds)} films: nothing wrong with them")
-        return int(bool(wrong))
     rows = outcomes(seeds, asked.kind, asked.workers, asked.limit)
     report(rows)
     if asked.json:

@@ -1,13 +1,12 @@
-"""How well and how fast films and plates are identified: a table of figures beside what is asked.
+"""How well measured films, and films outside the class, are identified, and how fast: figures beside what is asked.
 
-    python -m benchmarks.identification [--quick]
+    ./peltier benchmark identification
 
 Measured records are found through PELTIER_DATA (default ../shared/data); rows that need one are left out without it.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import time
 from collections.abc import Callable
@@ -19,8 +18,7 @@ from numpy.typing import NDArray
 import rig
 from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
-from sim.inference.film.fit import FilmFit, FilmRecord, identify_film, identify_film_records
-from sim.inference.plate.fit import identify_plate
+from sim.inference.film.fit import FilmFit, identify_film
 from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile, relay_film
 
 Array = NDArray[np.float64]
@@ -65,28 +63,6 @@ def measured_film() -> None:
         row(f"measured film, even rows fitted, odd rows predicted, {kind or 'default'}", f"{error:.4f} dec", "<= 0.035")
 
 
-def films_of_the_class(count: int) -> None:
-    for noise_K in (0.0, 0.01):
-        ratios, inside, took = [], [], []
-        for seed in range(count):
-            rng = np.random.default_rng(1000 + seed)
-            film, v = is_prandtl_ishlinskii(seed), decaying_profile(5000)
-            y = outputs(film, v) + NOISE * rng.normal(size=v.size)
-            t = 0.5 * np.arange(v.size)
-            noisy = v + noise_K * rng.normal(size=v.size)
-            fit, seconds = timed(lambda t=t, noisy=noisy, y=y: identify_film(t, noisy, y))  # type: ignore[misc]
-            elsewhere = random_profile(4000, seed)
-            prediction = fit.predict(0.5 * np.arange(4000), elsewhere, temperature_noise_K=0.0)
-            off = prediction.output - outputs(film, elsewhere)
-            ratios.append(np.hypot(1.0, rms(off) / NOISE))
-            inside.append(float(np.mean(np.abs(off) < prediction.half_width)))
-            took.append(seconds)
-        name = f"{count} films of the class, thermometer noise {noise_K} K: RMSE / noise elsewhere"
-        row(name, f"median {np.median(ratios):.4f}, worst {max(ratios):.4f}", "<= 1.02")
-        row("    95 % band holds the true curve at", f"{100 * np.mean(inside):.0f} % of rows", "95 %")
-        row("    time, 5,000 rows", f"{np.mean(took):.2f} s", "<= 3 s")
-
-
 def relay_films() -> None:
     v, elsewhere = decaying_profile(4000), random_profile(4000, 5)
     y = relay_film(v) + NOISE * np.random.default_rng(0).normal(size=v.size)
@@ -99,45 +75,6 @@ def relay_films() -> None:
         ]
         what = f"relay film, random profile, {kind or 'default: ' + fit.model.kind}"
         row(what, f"{error:.4f} dec, {fit.model.operators} operators, {took:.2f} s", asked)
-
-
-def long_record() -> None:
-    v = decaying_profile(10_000)
-    y = outputs(is_prandtl_ishlinskii(0), v) + NOISE * np.random.default_rng(0).normal(size=v.size)
-    noisy = v + 0.01 * np.random.default_rng(1).normal(size=v.size)
-    fit, took = timed(lambda: identify_film(0.5 * np.arange(v.size), noisy, y))
-    row("10,000 samples, 30 operators", f"{took:.2f} s, RMSE / noise {fit.rmse / NOISE:.3f}", "<= 5 s")
-    halves = [
-        FilmRecord(np.arange(5000.0), noisy[:5000], y[:5000]),
-        FilmRecord(np.arange(5000.0), noisy[5000:], y[5000:]),
-    ]
-    fit, took = timed(lambda: identify_film_records(halves))
-    row("the same as two records", f"{took:.2f} s, RMSE / noise {fit.rmse / NOISE:.3f}", "-")
-
-
-def plates(count: int) -> None:
-    plate = PlateModel(1.6e-3, 0.06, 0.018, 24.0)
-    truth = np.array([1.6e-3, 0.06, 0.018, 24.0, 0.0, 0.0])  # the last two: slopes with temperature
-    t = np.arange(0.0, 1500.0, 0.5)
-    current = np.interp(t, [0, 300, 301, 700, 701, 1100, 1101, 1500], [2, 2, -1, -1, 3, 3, -2, -2]) + 0.5 * np.sin(
-        t / 30
-    )
-    clean = plate.simulate(24.0, t, current)
-    worst, inside, took = 0.0, [], []
-    for seed in range(count):
-        noisy = clean + 0.01 * np.random.default_rng(seed).normal(size=t.size)
-        began = time.perf_counter()
-        fit = identify_plate(t, noisy, current)
-        took.append(time.perf_counter() - began)
-        worst = max(worst, float(np.max(np.abs(fit.values[:4] / truth[:4] - 1.0))))
-        inside.append(np.abs(fit.values - truth) < 1.96 * fit.standard_errors)
-    row(f"{count} plates, noise 0.01 K: worst parameter", f"{100 * worst:.3f} %", "1 %")
-    row("    95 % intervals hold the truth", f"{100 * np.mean(inside):.0f} %", "95 %")
-    row("    time, 3,000 rows", f"{1e3 * np.mean(took):.0f} ms", "milliseconds")
-    for file in sorted(DATA.glob("peltier_*.csv")):
-        measured = identify_plate(*np.genfromtxt(file, delimiter=",", skip_header=1).T)
-        figure = f"{measured.rmse_K:.2f} K, {len(measured.identifiability)} notes"
-        row(f"measured plate {file.stem}: RMSE of the simulation", figure, "-")
 
 
 def film_and_plate(rows: int, jitter: float) -> rig.Record:
@@ -170,19 +107,13 @@ def film_with_plate() -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quick", action="store_true", help="fewer films and plates")
-    few = parser.parse_args().quick
     identify_film(
         np.arange(400.0), decaying_profile(400), outputs(is_prandtl_ishlinskii(0), decaying_profile(400))
     )  # compiles
     row("what", "figure", "asked")
     measured_film()
-    films_of_the_class(4 if few else 20)
     relay_films()
-    long_record()
     film_with_plate()
-    plates(10 if few else 100)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The house's rules that no reviewer should have to check: import directions, files that load, light imports."""
+"""The house's rules that neither a reviewer nor `./peltier lint` has to check: files that load, light imports."""
 
 from __future__ import annotations
 
@@ -66,17 +66,6 @@ def trees(package: str) -> dict[Path, ast.Module]:
     """Every module of a package."""
     paths = (ROOT / package).rglob("*.py")
     return {path: tree(path.read_text(encoding="utf-8")) for path in paths}
-
-
-def test_import_directions(root: Path) -> None:
-    pytest.importorskip("importlinter")
-    done = subprocess.run(
-        [sys.executable, "-c", "from importlinter.cli import lint_imports_command; lint_imports_command()"],
-        cwd=root,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout
 
 
 def test_no_room_for_leftovers(root: Path) -> None:

@@ -6,6 +6,8 @@ hang in the middle of a package.
 
 from __future__ import annotations
 
+import ast
+import importlib
 import importlib.machinery
 import importlib.util
 import os
@@ -79,6 +81,15 @@ def test_python_is_the_one_that_the_verbs_have(
     assert (path, line) == (str(module.PYTHON), [str(module.PYTHON), *asked])
     assert environment["PYTHONPATH"] == str(root / "rig" / "launch")
     assert ("PYTHONSAFEPATH" in environment) == (words[0] != "python")  # a script has modules of its own
+
+
+def test_what_is_compiled_in_the_background_is_there(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It says nothing where it fails: whoever has just set up would wait a minute in each of the first commands."""
+    module = launcher(root, monkeypatch)
+    wanted = [node for node in ast.parse(module.THE_LOOPS).body if isinstance(node, ast.ImportFrom)]
+    assert len(wanted) == 2
+    for node in wanted:
+        assert callable(getattr(importlib.import_module(str(node.module)), node.names[0].name))
 
 
 class Checkout:

@@ -40,6 +40,7 @@ def record() -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.long
 @pytest.mark.xfail(strict=True, reason="the film is fitted with the first fit's heat: something is left over")
 def test_its_heat_is_found_and_nothing_is_left() -> None:
     found = diagnose(record()).document()

@@ -49,6 +49,7 @@ def drifting(turns_degC: list[float], seed: int) -> dict[str, np.ndarray]:
     return {"time_s": time, "temperature_degC": shown, "resistance_ohm": 10.0**-output}
 
 
+@pytest.mark.long
 @pytest.mark.xfail(strict=True, reason="a leakage is named, too: the film's first minimum leaves what it explains")
 def test_what_a_run_did_not_show_of_its_film_is_told_by_the_record_before() -> None:
     run = drifting([56.0, 66.0, 58.0, 67.0, 57.0, 64.0, 56.0, 66.0, 58.0, 65.0, 57.0, 66.5], 1)

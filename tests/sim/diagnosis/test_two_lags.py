@@ -46,6 +46,7 @@ def test_without_a_film_the_thermometer_is_the_faster_one() -> None:
 FAST = pytest.mark.xfail(strict=True, reason="rows 5 K apart on the film's flank: something is left over")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("plate_s", "thermometer_s"), [(70.0, 5.0), pytest.param(8.0, 25.0, marks=FAST)])
 def test_a_film_tells(plate_s: float, thermometer_s: float) -> None:
     assert lag_s(record(plate_s, thermometer_s, film=True)) == pytest.approx(thermometer_s, rel=0.02)
