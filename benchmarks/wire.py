@@ -1,6 +1,6 @@
 """What a bad cable does to readings: each protocol's driver and emulator on it, in virtual time, by fixed seeds.
 
-    ./peltier benchmark wire [--exchanges 1000000] [--protocol NAME ...] [--resume FILE] [--json FILE]
+    ./peltier benchmark wire [--exchanges 1000000] [--protocol NAME ...] [--json FILE]
 
 An exchange is a reading that is asked for. The thermometer and the film tell their time, so that a number that was not
 read between question and answer is wrong. A fifth of the answers, and of the requests, are hurt (TE Technology, with
@@ -13,7 +13,7 @@ seen        the same, and one or two characters in a row changed where a sum or 
 any         the same, and bursts of up to three characters, noise that comes in between, missing characters, in both
             directions: what the protocols cannot all see, and the drivers confirm
 
-Target: 0 wrong in each. `--resume` keeps what was counted so far, and goes on from there. Further: the share of
+Target: 0 wrong in each. Further: the share of
 changed answers that the frame alone would let pass (summed up in docs/instruments.md), and what confirmation costs.
 """
 
@@ -23,10 +23,9 @@ import argparse
 import json
 import random
 import sys
-import time
 from binascii import crc_hqx
 from dataclasses import asdict
-from itertools import product
+from itertools import count, product
 from pathlib import Path
 from typing import Any
 
@@ -62,25 +61,19 @@ BARE = {  # a reading without any proof
 }
 
 
-def wrong_readings(case: Case, kind: str, exchanges: int, kept: dict[str, Any], save: Any) -> Tally:
-    """Chunk after chunk, from where `kept` ends."""
-    settings = dict(KINDS[kind])
+def wrong_readings(case: Case, kind: str, exchanges: int) -> tuple[Tally, list[Any]]:
+    """Count chunk after chunk; the first wrong readings are kept."""
+    settings, whole, wrong = dict(KINDS[kind]), Tally(), []
     faults = settings.pop("faults")
     if kind == "seen":
         settings["longest_burst"] = SEEN_BURST[case.driver]
-    entry = kept.setdefault(f"{case}: {kind}", {"chunks": 0, "found": [], **asdict(Tally())})
-    saved_s = time.monotonic()
-    while entry["right"] + entry["wrong"] + entry["refused"] < exchanges:
-        tally, found = exchange(case, entry["chunks"], faults, CHUNK, **settings)
-        for name, value in asdict(tally).items():
-            entry[name] += value
-        entry["found"] += found[: max(0, 20 - len(entry["found"]))]
-        entry["chunks"] += 1
-        if time.monotonic() - saved_s > 5.0:
-            save()
-            saved_s = time.monotonic()
-    save()
-    return Tally(**{name: entry[name] for name in asdict(Tally())})
+    for chunk in count():
+        if whole.exchanges >= exchanges:
+            break
+        tally, found = exchange(case, chunk, faults, CHUNK, **settings)
+        whole = Tally(**{name: value + getattr(tally, name) for name, value in asdict(whole).items()})
+        wrong += found[: max(0, 20 - len(wrong))]
+    return whole, wrong
 
 
 def frame_passes(driver: str, data: bytes) -> bool:
@@ -173,17 +166,8 @@ def main() -> None:
     parser.add_argument("--exchanges", type=int, default=1_000_000)
     parser.add_argument("--protocol", action="append", choices=sorted(cases), metavar="NAME", help=", ".join(cases))
     parser.add_argument("--kind", action="append", choices=sorted(KINDS))
-    parser.add_argument("--resume", type=Path, metavar="FILE")
     parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args()
-    kept: dict[str, Any] = {}
-    if options.resume and options.resume.is_file():
-        kept = json.loads(options.resume.read_text(encoding="utf-8"))
-
-    def save() -> None:
-        if options.resume:
-            options.resume.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-
     rows = []
     heads = f"{'exchanges':>10} {'hurt':>9} {'right':>9} {'no number':>9} {'wrong':>6}  hours of wire"
     print(f"{'protocol':24} {'faults':9} {heads}")
@@ -192,13 +176,13 @@ def main() -> None:
             case = cases[name]
             if kind == "seen" and case.driver not in SEEN_BURST:
                 continue
-            tally = wrong_readings(case, kind, options.exchanges, kept, save)
+            tally, found = wrong_readings(case, kind, options.exchanges)
             print(
                 f"{name:24} {kind:9} {tally.exchanges:10} {tally.faults:9} {tally.right:9} {tally.refused:9} "
                 f"{tally.wrong:6}  {tally.seconds / 3600.0:.1f}",
                 flush=True,
             )
-            rows.append({"protocol": name, "faults": kind, **asdict(tally), "found": kept[f"{name}: {kind}"]["found"]})
+            rows.append({"protocol": name, "faults": kind, **asdict(tally), "found": found})
     shares = {
         f"{driver}: {burst} digits in a row": passing_share(driver, burst, 200_000)
         for driver in DIGITS
