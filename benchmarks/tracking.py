@@ -115,11 +115,10 @@ def tracked(case: tuple[str, int, tuple[Run, ...]]) -> Found:
 def one_run(found: Found, run: Run, model: Model, folder: Path) -> tuple[float, float]:
     """Return RMS and largest error of the film. Raises RuntimeError with what a run said that failed."""
     film, seed = FILMS[found.kind](found.seed), found.seed
-    begins_degC = left_on_the_other_branch(Plant(NOMINAL, film), seed) if run.memory else None
 
     def plant(start_s: float) -> Plant:
         made = Plant(NOMINAL, film, seed, start_s)
-        if begins_degC is not None:
+        if run.memory:
             made.degC = made.shown_degC = made.lagged_degC = left_on_the_other_branch(made, seed)
             made.log_ohm = made.film.log_ohm(made.degC)
         return made

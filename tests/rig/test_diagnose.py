@@ -27,7 +27,8 @@ ROWS, TAU_S = 2000, 1.0
 def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
     """A folder with a record that has one hidden effect, and what the diagnosis says of it."""
     folder = tmp_path_factory.mktemp("diagnosed")
-    write_columns(folder / "record.csv", record(2, {"film_lag": {"tau_s": TAU_S}}, rows=ROWS))
+    hidden = {"film_lag": {"tau_s": TAU_S}}
+    write_columns(folder / "record.csv", record(1, hidden, rows=ROWS, capacity_J_per_K=10.0))
     words = ["diagnose", folder / "record.csv", "--json", folder / "out.json", "--report", folder / "report"]
     assert main([str(word) for word in words]) == 0
     return folder, json.loads((folder / "out.json").read_text())

@@ -66,7 +66,7 @@ def test_another_quantity_is_stretched_and_comes_back_in_its_unit() -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_the_verb_on_a_quantity_that_falls(tmp_path: Path, peltier: Peltier) -> None:
     """A film's transmission, in percent, that falls on heating: the effect, its channel, the extended model."""
-    columns = record(2, {"film_lag": {"tau_s": 2.0}}, rows=2000)
+    columns = record(1, {"film_lag": {"tau_s": 2.0}}, rows=2000, capacity_J_per_K=10.0)
     log_ohm = np.log10(columns.pop("resistance_ohm"))
     columns.pop("meter_current_A")
     slope = 40.0 / np.ptp(log_ohm)
