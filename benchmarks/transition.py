@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks._film_truths import Case, case_of
 from benchmarks._harness import options, side_by_side
 
-KINDS = ("play", "preisach", "moment")
+KINDS = ("play", "preisach")
 LEAST, MOST = 0.92, 0.98
 Judged = tuple[str, str, bool, float, float]  # kind, name, inside, half width, distance from the truth's range
 
@@ -33,10 +33,8 @@ def judged(seed: int) -> tuple[list[Judged], list[tuple[str, str]]]:
     case = case_of(seed, KINDS[seed % len(KINDS)])
     if not all(case.branches):
         return [], []
-    output, decades = case.columns[case.column], case.column == "resistance_ohm"
-    output = -np.log10(output) if decades else output
-    record = case.columns["time_s"], case.columns["temperature_degC"], output
-    found = transition(identify_film(*record), *record, in_decades=decades)
+    record = case.columns["time_s"], case.columns["temperature_degC"], -np.log10(case.columns["resistance_ohm"])
+    found = transition(identify_film(*record), *record)
     rows, missing, true = [], [], case.transition | midpoints(case, found.range_degC)
     for name, (low, high) in ((name, truth) for name, truth in true.items() if truth is not None):
         quantity = found.quantities[name]
@@ -54,7 +52,9 @@ def midpoints(case: Case, ends_degC: tuple[float, float]) -> dict[str, tuple[flo
     grid, found = np.linspace(*ends_degC, 6001), []
     for heating in (True, False):
         branch = case.film.branch(grid, heating)
-        found.append(float(np.interp(0.5 * (branch[0] + branch[-1]), branch, grid)))
+        half = 0.5 * (branch[0] + branch[-1])
+        k = int(np.argmax(branch > half))  # a background may fall beyond the transition
+        found.append(float(np.interp(half, branch[k - 1 : k + 1], grid[k - 1 : k + 1])))
     names = "midpoint_heating_degC", "midpoint_cooling_degC", "hysteresis_at_midpoint_K"
     return {name: (at, at) for name, at in zip(names, (*found, found[0] - found[1]), strict=True)}
 
