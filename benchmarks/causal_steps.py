@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks._bench import NOMINAL, PERIOD_S, calibrated, driven, middle_of, placed
 from benchmarks._harness import options, side_by_side
 from rig.config.configuration import read_configuration
-from rig.experiment.extended_model import chain_observer
+from rig.control.law_units import chain_observer
 from rig.experiment.tracking import law_and_design
 from tests.truth import FILMS, Film, Plant
 

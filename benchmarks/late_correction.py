@@ -38,7 +38,7 @@ from benchmarks._bench import (
 from benchmarks._harness import options, side_by_side
 from compensator.hysteresis.film import FilmModel
 from rig.config.configuration import read_configuration
-from rig.experiment.extended_model import chain_observer
+from rig.control.law_units import chain_observer
 from rig.experiment.tracking import law_and_design
 from sim.effects.actuator_delay import EFFECT as DELAY
 from sim.effects.effect import switched

@@ -29,7 +29,7 @@ STEPS = 3000
 def median_us(name: LawName) -> float:
     """Median time of `Law.step` over a closed loop of STEPS periods."""
     model, plate = film(), PlateModel(1.6e-3, 0.06, 0.018, 25.0)
-    gains = PidGains(8.0, 3.0, 0.5, 0.2, 2.0) if name == "pid" else PidGains(1.2, 0.3, 0.05, 0.2, 1.0)
+    gains = PidGains(8.0, 3.0, 2.0) if name == "pid" else PidGains(1.2, 0.3, 1.0)
     law = Law(LawSettings(name, 0.1, 4.0, 10.0, 95.0, gains), plate, None if name == "temperature" else model)
     memory, temperature, current = model.initial_memory(50.0), 50.0, 0.0
     state, ahead = law.start(50.0, None), law.preview_times_s()

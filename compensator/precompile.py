@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from compensator.control.estimator import FEWEST, model_error
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
-from compensator.control.repetition import FEWEST, model_error
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel

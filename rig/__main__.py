@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import inspect
 import io
 import os
 import signal
@@ -15,35 +16,50 @@ from typing import Any, NoReturn
 from rig.core.faults import Faults
 from rig.core.streams import open_standard_streams, outlive_readers
 
-# verb -> what it does, for the overview; the verb's module is rig.command.VERB
-VERBS = {
-    "init": "write commented configurations to start from",
-    "run": "run an experiment",
-    "calibrate": "measure a film and its plate, and write their model",
-    "identify": "fit film and plate models to records",
-    "predict": "compare a model with a record that it was not fitted to",
-    "diagnose": "find what the simulation of the rig gets wrong, and why",
-    "invert": "compute temperatures for a wanted resistance",
-    "simulate": "run the experiment on the simulated rig, with any effects",
-    "sweep": "run many simulated experiments, and tabulate the results",
-    "improve": "diagnose a run, extend its model, run again, and compare",
-    "trend": "find which effects the runs in a folder show, and since when",
-    "replay": "run the law again over a recorded run, or another configuration on its twin",
-    "report": "draw the report of a run folder, also of a run that ended early",
-    "tune": "compute PID gains from the plate model, and the law's margins",
-    "precompile": "compile now what would be compiled at the first use",
-    "ports": "list the attached instruments",
-    "check": "ask the instruments: do they answer, do they match the configuration",
-    "emulate": "put simulated instruments on pseudo-terminals",
-    "serve": "run the bench daemon: queue, history, page",
-    "epics": "run an EPICS server beside the daemon",
-    "overview": "serve one page for several daemons, with a STOP for each",
-    "status": "show what the daemon's bench is doing",
-    "watch": "show the same as a live table",
-    "stop": "switch the output off, end the running job, empty the queue",
-    "off": "switch the output off, with or without a daemon",
-    "reset": "clear a latched trip or stop, with a reason",
+# file of rig.command -> its verbs, each a function with its options in VERB_arguments -> what it does, for the overview
+FILES = {
+    "setup": {
+        "init": "write commented configurations to start from",
+        "precompile": "compile now what would be compiled at the first use",
+    },
+    "instruments": {
+        "ports": "list the attached instruments",
+        "check": "ask the instruments: do they answer, do they match the configuration",
+        "emulate": "put simulated instruments on pseudo-terminals",
+    },
+    "experiments": {
+        "run": "run an experiment",
+        "calibrate": "measure a film and its plate, and write their model",
+        "simulate": "run the experiment on the simulated rig, with any effects",
+        "improve": "diagnose a run, extend its model, run again, and compare",
+        "replay": "run the law again over a recorded run, or another configuration on its twin",
+        "report": "draw the report of a run folder, also of a run that ended early",
+        "tune": "compute PID gains from the plate model, and the law's margins",
+    },
+    "records": {
+        "identify": "fit film and plate models to records",
+        "predict": "compare a model with a record that it was not fitted to",
+        "invert": "compute temperatures for a wanted resistance",
+        "diagnose": "find what the simulation of the rig gets wrong, and why",
+    },
+    "many": {
+        "sweep": "run many simulated experiments, and tabulate the results",
+        "trend": "find which effects the runs in a folder show, and since when",
+    },
+    "servers": {
+        "serve": "run the bench daemon: queue, history, page",
+        "epics": "run an EPICS server beside the daemon",
+        "overview": "serve one page for several daemons, with a STOP for each",
+    },
+    "bench": {
+        "status": "show what the daemon's bench is doing",
+        "watch": "show the same as a live table",
+        "stop": "switch the output off, end the running job, empty the queue",
+        "off": "switch the output off, with or without a daemon",
+        "reset": "clear a latched trip or stop, with a reason",
+    },
 }
+VERBS = {verb: file for file, verbs in FILES.items() for verb in verbs}
 SWITCH_OFF = ("stop", "off")  # whatever stands in their way, the output is not confirmed off
 MENDS = " To mend it, delete .venv and type `./peltier --help` (no checkout: install peltier-rig again)."
 ON_A_CLOCK = ("run", "calibrate", "improve", "serve")
@@ -60,7 +76,7 @@ OF_A_RUN = frozenset(
 def overview() -> str:
     """Return the list of verbs."""
     lines = ["usage: peltier VERB ...        (peltier VERB --help: its options)", ""]
-    lines += [f"  {verb:<10} {text}" for verb, text in VERBS.items()]
+    lines += [f"  {verb:<10} {text}" for verbs in FILES.values() for verb, text in verbs.items()]
     return "\n".join(lines)
 
 
@@ -120,18 +136,21 @@ class _OneLine(argparse.ArgumentParser):
 
 def _act(verb: str, words: list[str], own_process: bool) -> int:
     """Read the words and do what they say. Importing is part of it: Ctrl-C comes then, too."""
-    module = importlib.import_module(f"rig.command.{verb}")
+    module = importlib.import_module(f"rig.command.{VERBS[verb]}")
+    act = getattr(module, verb)
     parser = _OneLine(
-        prog=f"peltier {verb}", description=module.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=f"peltier {verb}",
+        description=inspect.cleandoc(act.__doc__),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    module.arguments(parser)
+    getattr(module, f"{verb}_arguments")(parser)
     try:
         options = parser.parse_args(words)
     except SystemExit as stop:
         return int(stop.code or 0)
     options.own_process = own_process
     _refuse_overwriting(options)
-    return int(module.main(options))
+    return int(act(options))
 
 
 def _refuse_overwriting(options: argparse.Namespace) -> None:

@@ -48,9 +48,12 @@ from math import nan
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from compensator.compiled import njit
+from compensator.hysteresis.film import FilmModel, Packed
 from compensator.hysteresis.functions import Array, lean
+from compensator.hysteresis.play import advance, output_of, weighted_sum
 
 TINY: Final = 1e-12  # of a variance: an instrument without noise
 LARGEST_SQUARE: Final = 16.0  # of an innovation over its deviation that counts: an outlier says no more than 4 of them
@@ -333,3 +336,213 @@ def corrected_temperature(
             after[k, STATE + i] -= mean[i]
     known = Estimate(estimate.drift_K_per_s + mean[2], drive_error, noise, estimate.output)
     return predicted.shown_degC + mean[0], predicted.plate_degC + mean[1], known, after
+
+
+# ---- a film with an unknown memory -------------------------------------------------------------------
+#
+# The memories that it may have, each weighted by the likelihood of the readings:
+#
+#     possible   rows of play operators' outputs, a disturbance and a log-likelihood: shape (memories, operators + 2)
+#
+# Each is left by a random course from one end of the loop, whose last turning point is such that the output is the
+# first reading. All follow the temperature; a reading corrects each memory's own disturbance as it corrects the law's,
+# and reduces its likelihood by the remaining difference, so that memories with the same output stay alike. The law uses
+# their mean, which is a memory too: play operators' outputs lie between bounds. It never moves the film in order to
+# learn its memory: what matters of it shows as the film moves. When all likely memories are the same, one remains.
+
+COUNT: Final = 400  # memories: some hundred are still likely after minutes, so that their mean is smooth
+TURNS: Final = 4  # turning points before the last, at most: of nested loops the outermost decide
+OFF_DEC: Final = 0.005  # of the first reading: what a model is usually off
+EDGE: Final = 4.0 * OFF_DEC  # by which a reading may be off the loop itself
+TRIES: Final = 20  # courses for each memory; of some no turn leads to the reading
+HALVINGS: Final = 20  # of the last turning point's interval: to a ten-thousandth of a kelvin
+UNLIKELY: Final = 20.0  # of log-likelihood below the best: such a memory is dropped
+LIKELY: Final = 4.5  # three standard deviations
+ALIKE: Final = 2e-4  # of the output, over all operators: memories that differ by less are one
+NONE: Final = np.zeros((0, 0))
+NONE.setflags(write=False)
+
+
+@njit
+def _returned(v: float, turn: float, film: Packed, before: Array, plays: Array) -> float:
+    """Return the output at v after an excursion to `turn` and back, from `before`; plays: the memory then."""
+    plays[:] = before
+    advance(turn, v, film[0], film[1], plays)
+    advance(v, turn, film[0], film[1], plays)
+    return output_of(film, v, plays)
+
+
+@njit
+def _one(output: float, v: float, ends: Array, film: Packed, chance: Array, plays: Array) -> bool:
+    """Find a memory at v with that output, into `plays`; return False if this course leads to none.
+
+    plays: as they are at the end that chance[0] says. chance: TURNS + 2 numbers.
+    """
+    low, high = ends[0], ends[1]
+    at = low if chance[0] < 0.5 else high
+    for k in range(int(chance[1] * (TURNS + 1))):
+        toward = low + (high - low) * chance[2 + k]
+        advance(toward, at, film[0], film[1], plays)
+        at = toward
+    advance(v, at, film[0], film[1], plays)
+    before = plays.copy()
+    rest = output_of(film, v, before)
+    end = high if output > rest else low
+    left = output - _returned(v, end, film, before, plays)
+    if left * (output - rest) > 0.0:  # the film is at the edge of its loop, or this course leads elsewhere
+        return abs(left) <= EDGE
+    near, far = v, end
+    for _ in range(HALVINGS):
+        middle = 0.5 * (near + far)
+        if (_returned(v, middle, film, before, plays) < output) == (output > rest):
+            near = middle
+        else:
+            far = middle
+    return True
+
+
+@njit
+def _drawn(output: float, v: float, ends: Array, film: Packed, chances: Array, noise: Array, start: Array) -> Array:
+    """Return the memories that were found, as `possible`; start: the plays at the ends, shape (2, operators)."""
+    operators = film[1].size
+    rows, found, tried = np.zeros((noise.size, operators + 2)), 0, 0
+    while found < noise.size and tried < chances.shape[0]:
+        chance = chances[tried]
+        plays = start[0 if chance[0] < 0.5 else 1].copy()
+        if _one(output + noise[found], v, ends, film, chance, plays):
+            rows[found, :operators] = plays
+            rows[found, operators] = output - output_of(film, v, plays)
+            found += 1
+        tried += 1
+    return rows[:found]
+
+
+def possible_memories(film: FilmModel, degC: float, output: float, low_degC: float, high_degC: float) -> Array:
+    """Return memories with which a film at that temperature (degC) may show that output, reproducibly.
+
+    low_degC, high_degC: the film has been at one of them. No row if no course leads to the output.
+    """
+    rng = np.random.default_rng(0)
+    chances, noise = rng.random((TRIES * COUNT, TURNS + 2)), OFF_DEC * rng.standard_normal(COUNT)
+    ends = np.array([low_degC, high_degC])
+    start = np.array([film.initial_memory(low_degC, "heated").plays, film.initial_memory(high_degC, "cooled").plays])
+    rows = _drawn(output, degC, ends, film.packed, chances, noise, start)
+    return rows if rows.shape[0] > 0 else NONE
+
+
+@njit
+def mean_of(possible: Array, plays: Array) -> float:
+    """Put the weighted mean memory into `plays`, and return the mean disturbance."""
+    operators = plays.size
+    best, total, disturbance = np.max(possible[:, operators + 1]), 0.0, 0.0
+    plays[:] = 0.0
+    for row in possible:
+        weight = math.exp(row[operators + 1] - best)
+        total += weight
+        disturbance += weight * row[operators]
+        for j in range(operators):
+            plays[j] += weight * row[j]
+    plays /= total
+    return disturbance / total
+
+
+@njit
+def taken_along(possible: Array, v: float, v_before: float, film: Packed) -> None:
+    """Move all memories to a temperature, in place."""
+    for row in possible:
+        advance(v, v_before, film[0], film[1], row[: film[1].size])
+
+
+@njit
+def weighed(possible: Array, plays: Array, off: float, share: float, variance: float, film: Packed) -> Array:
+    """Return the memories after a reading, without the unlikely ones; one alone if all likely ones are alike.
+
+    off: reading minus output of the memory `plays`. share: of it that corrects a disturbance; variance: of it.
+    """
+    weights, operators = film[2], plays.size
+    mean = weighted_sum(weights, plays)
+    for row in possible:
+        innovation = off - (weighted_sum(weights, row[:operators]) - mean) - row[operators]
+        row[operators + 1] -= 0.5 * innovation * innovation / variance
+        row[operators] += share * innovation
+    best = np.max(possible[:, operators + 1])
+    possible[:, operators + 1] -= best
+    kept = possible[possible[:, operators + 1] > -UNLIKELY]
+    for row in kept:
+        if row[operators + 1] > -LIKELY:
+            apart = 0.0
+            for j in range(operators):
+                apart += weights[j] * abs(row[j] - kept[0, j])
+            if apart > ALIKE:
+                return kept
+    return kept[:1]
+
+
+# ---- repetition: the error of the film model along a course, from the readings of one run --------------
+#
+#     error' = error + w,   variance of w: q |step of the course| + CREEP r,   reading - model = error + noise
+#
+# A film outside the model's class is off by a random walk along the output's course, and takes the same walk whenever
+# it takes the same course. During a run only the past is known; after it the readings of both sides are, and this is
+# their best estimate: a Kalman filter, and back (H. E. Rauch, F. Tung, C. T. Striebel, AIAA J. 3 (1965) 1445). q
+# maximizes the likelihood of the readings; their noise r comes from second differences.
+
+FEWEST: Final = 64  # readings; of fewer neither noise nor error can be told
+CREEP: Final = 2e-5  # of the noise's variance, a reading: a film that stands still creeps by next to nothing
+MEDIAN: Final = 0.6745  # of the absolute value of a normal variable, in standard deviations
+WALKS: Final = (-6.0, 2.0)  # log10 of the walk's variance over the noise's, a mean step: from none to no smoothing
+
+
+@njit
+def _filtered(off: Array, variances: Array, noise: float) -> tuple[float, Array, Array]:
+    """Return (log-likelihood, estimates, their variances); variances: of each step; off: nan if there is no reading."""
+    found, doubts = np.empty(off.size), np.empty(off.size)
+    here, doubt, likelihood, begun = 0.0, 0.0, 0.0, False
+    for i in range(off.size):
+        doubt += variances[i]
+        if not math.isnan(off[i]):
+            if begun:
+                whole, innovation = doubt + noise, off[i] - here
+                likelihood -= 0.5 * (math.log(whole) + innovation * innovation / whole)
+                here += doubt / whole * innovation
+                doubt *= noise / whole
+            else:
+                here, doubt, begun = off[i], noise, True
+        found[i], doubts[i] = here, doubt
+    return likelihood, found, doubts
+
+
+@njit
+def _back(found: Array, doubts: Array, variances: Array) -> Array:
+    """Return the estimates with the readings after them."""
+    smooth = found.copy()
+    for i in range(found.size - 2, -1, -1):
+        whole = doubts[i] + variances[i + 1]
+        if whole > 0.0:
+            smooth[i] += doubts[i] / whole * (smooth[i + 1] - found[i])
+    return smooth
+
+
+def model_error(off: Array, steps: Array) -> Array:
+    """Return the error of the model at each row, shape (rows,): 0 if there are too few readings.
+
+    off: readings less the model, nan if there is none. steps: of the course since the row before, >= 0.
+    """
+    good = np.isfinite(off)
+    bends = np.diff(off, 2)
+    bends = bends[np.isfinite(bends)]
+    if int(np.sum(good)) < FEWEST or bends.size < FEWEST // 2:
+        return np.zeros(off.size)
+    noise = max(float(np.median(np.abs(bends))) / MEDIAN, 1e-12) ** 2 / 6.0
+    course, mean = np.abs(steps), float(np.mean(np.abs(steps)))
+
+    def variances(walk: float) -> Array:
+        return np.asarray(noise * (CREEP + (10.0**walk * course / mean if mean > 0.0 else 0.0 * course)))
+
+    walk = minimize_scalar(
+        lambda walk: -_filtered(off, variances(walk), noise)[0], bounds=WALKS, method="bounded", options={"xatol": 0.05}
+    ).x
+    _, found, doubts = _filtered(off, variances(walk), noise)
+    first = int(np.argmax(good))
+    found[:first] = found[first]
+    return _back(found, doubts, variances(walk))

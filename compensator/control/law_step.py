@@ -1,21 +1,27 @@
 """One period of the control law, compiled, and the parts that it is made of: see `compensator.control.law`.
 
 The parts take and give named tuples. They are called by `law_step` for a plate and a film without effects, and one
-after the other by `compensator.control.observer` for a chain with effects. `law_step` itself takes and gives arrays of
-the tuples' numbers (`compensator.control.packing`).
+after the other by `compensator.control.law` for a chain with effects. `law_step` itself takes and gives arrays of
+the tuples' numbers (`compensator.control.law_step`).
 """
 
 from __future__ import annotations
 
 import math
+from collections import namedtuple
+from collections.abc import Callable
+from functools import cache
 from math import nan
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeVar, cast, get_type_hints
 
 import numpy as np
+from numba import types
+from numba.extending import intrinsic
 
 from compensator.compiled import njit
 from compensator.control.estimator import (
     NO_ERRORS,
+    NONE,
     Estimate,
     Predicted,
     corrected_temperature,
@@ -23,11 +29,13 @@ from compensator.control.estimator import (
     errors_after,
     errors_later,
     initial_heats,
+    mean_of,
+    taken_along,
     updated_noise,
+    weighed,
     with_disturbance,
 )
-from compensator.control.packing import numbers_of, packed, unpacked
-from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
+from compensator.control.pid import PidGains, pi_integrated, pi_output
 from compensator.control.reference_shaping import (
     FilmNow,
     Planned,
@@ -40,13 +48,124 @@ from compensator.control.reference_shaping import (
     next_temperature,
     stop_short_by,
 )
-from compensator.control.unknown_memory import NONE, mean_of, taken_along, weighed
 from compensator.hysteresis.film import Memory, Packed, memory_owning
 from compensator.hysteresis.functions import Array
 from compensator.hysteresis.play import advance, output_of
-from compensator.inverse.solve import Settings
+from compensator.inverse.search import Settings
 from compensator.thermal.plate import current_for_rate, current_range, drive_rate, rate, with_drive
 from compensator.thermal.plate import step as plate_step
+
+# ---- named tuples of numbers as one array, and back: a compiled loop takes an array in a tenth of the time ----
+#
+# A tuple whose fields are floats, or such tuples, is the same memory as an array of its numbers in order. `flattener`
+# and `rebuilder` are for Python, `packed` and `unpacked` for compiled loops; all go by the tuple's own fields.
+
+Numbers = TypeVar("Numbers")
+
+
+@cache
+def fields_of(kind: type) -> dict[str, type]:
+    """Return the fields of a named tuple that are numbers: floats, and named tuples of such."""
+    hints = get_type_hints(kind)
+    return {name: hints[name] for name in kind._fields if _is_number(hints[name])}  # type: ignore[attr-defined]
+
+
+def _is_number(kind: Any) -> bool:
+    return kind is float or (isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields"))
+
+
+def numbers_of(kind: type, name: str, module: str) -> Any:
+    """Return a named tuple of those fields of another that are numbers."""
+    made = namedtuple(name, fields_of(kind), module=module)  # type: ignore[misc]
+    made.__annotations__ = dict(fields_of(kind))
+    made.__doc__ = f"The numbers of `{kind.__name__}`, in its order."
+    return made
+
+
+@cache
+def flattener(kind: type) -> Callable[[Any], tuple[float, ...]]:
+    """Return a function that takes all numbers out of a tuple of that kind, in order.
+
+    It is one expression, made of the fields as `namedtuple` makes a class: a walk through them takes four times as
+    long.
+    """
+
+    def taken(one: type, place: str) -> list[str]:
+        each = [(f"{place}.{name}", inside) for name, inside in fields_of(one).items()]
+        return [t for at, inside in each for t in ([at] if inside is float else taken(inside, at))]
+
+    made: Callable[[Any], tuple[float, ...]] = eval(f"lambda whole: ({', '.join(taken(kind, 'whole'))},)")
+    return made
+
+
+@cache
+def rebuilder(kind: type) -> Callable[..., Any]:
+    """Return a function that makes a tuple of that kind of a list of its numbers, and of its other fields."""
+    names: dict[str, Any] = {"new": tuple.__new__}
+    others: list[str] = []
+
+    def made(one: type, first: int) -> tuple[str, int]:
+        parts, numbers, names[one.__name__] = [], fields_of(one), one
+        for name in one._fields:  # type: ignore[attr-defined]
+            if name not in numbers:
+                part, others[len(others) :] = name, [name]
+            elif numbers[name] is float:
+                part, first = f"v[{first}]", first + 1
+            else:
+                part, first = made(numbers[name], first)
+            parts.append(part)
+        return f"new({one.__name__}, ({', '.join(parts)},))", first
+
+    body, _ = made(kind, 0)
+    rebuilt: Callable[..., Any] = eval(f"lambda {', '.join(['v', *others])}: {body}", names)
+    return rebuilt
+
+
+def _compiled_type(kind: type) -> Any:
+    """Return numba's type of such a tuple."""
+    inside = [types.float64 if each is float else _compiled_type(each) for each in fields_of(kind).values()]
+    if all(each == inside[0] for each in inside):
+        return types.NamedUniTuple(inside[0], len(inside), kind)  # type: ignore[no-untyped-call]
+    return types.NamedTuple(inside, kind)  # type: ignore[no-untyped-call]
+
+
+@intrinsic
+def _load(typingctx: Any, array: Any, kind: Any) -> Any:
+    """See `unpacked`."""
+    whole = _compiled_type(kind.instance_class)
+
+    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.load(builder.bitcast(data, context.get_value_type(whole).as_pointer()))
+
+    return whole(array, kind), load
+
+
+unpacked: Callable[[Array, type[Numbers]], Numbers] = cast(Any, _load)
+"""The tuple of that kind (the class itself) that an array has the numbers of; for compiled loops."""
+
+
+@intrinsic
+def _store(typingctx: Any, numbers: Any, array: Any) -> Any:
+    def store(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[1])(context, builder, arguments[1]).data
+        builder.store(arguments[0], builder.bitcast(data, context.get_value_type(numbers).as_pointer()))
+        return context.get_dummy_value()
+
+    return types.void(numbers, array), store
+
+
+stored: Callable[[Any, Array], None] = cast(Any, _store)
+"""A tuple's numbers into an array that has room for them, a row of another as well; for compiled loops."""
+
+
+@njit
+def packed(numbers: Any, count: int) -> Array:
+    """Return a tuple's count numbers in a new array; for compiled loops."""
+    array = np.empty(count)
+    stored(numbers, array)
+    return array
+
 
 LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
 NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
@@ -95,7 +214,7 @@ class LawState(NamedTuple):
     last command acted, and a period later. input_degC, plays: the film's memory. current_A: in force. toward: sign of
     the output's last move; moved: move that the last step planned. warming_K: of the film above the plate, as last
     planned (nan: not yet). possible: memories that the film may have, if it is unknown
-    (`compensator.control.unknown_memory`), with plays their mean; else no rows. errors, heats: filters of the film
+    (`compensator.control.estimator`), with plays their mean; else no rows. errors, heats: filters of the film
     model's error and of the plate (`compensator.control.estimator`). observer: its state as the last command acts,
     before that command; None without one.
     """
@@ -106,7 +225,7 @@ class LawState(NamedTuple):
     reference: Reference
     input_degC: float
     plays: Array
-    pid: PidState = PidState()
+    integral: float = 0.0
     current_A: float = 0.0
     toward: float = 0.0
     moved: float = 0.0
@@ -292,38 +411,37 @@ def planned(
 
 @njit
 def driven(
-    rule: Rule, plate: Array, plate_degC: float, now_degC: float, next_degC: float, pid: PidState
-) -> tuple[float, PidState]:
-    """Return the current that takes the plate from its reference now to the next one, and the PID's state.
+    rule: Rule, plate: Array, plate_degC: float, now_degC: float, next_degC: float, integral: float
+) -> tuple[float, float]:
+    """Return the current that takes the plate from its reference now to the next one, and the PID's integral.
 
     Without feedback it starts from the plate's temperature by the model.
     """
     feedback = rule.name in (FULL, TEMPERATURE)
     wanted = (next_degC - (now_degC if feedback else plate_degC)) / rule.period_s
     if feedback:
-        correction, pid = pid_output(rule.gains, pid, now_degC, plate_degC, rule.period_s)
-        wanted += correction
+        wanted += pi_output(rule.gains, integral, now_degC, plate_degC)
     current = current_for_rate(plate, plate_degC, wanted, rule.current_limit_A)
     if feedback:
         shortfall = rate(plate, plate_degC, current) - wanted
         if abs(shortfall) < 1e-12:
             shortfall = 0.0
-        pid = pid_integrate(rule.gains, pid, now_degC, plate_degC, shortfall, rule.period_s)
-    return current, pid
+        integral = pi_integrated(rule.gains, integral, now_degC, plate_degC, shortfall, rule.period_s)
+    return current, integral
 
 
 @njit
 def on_the_output(
-    rule: Rule, plate: Array, here: float, pid: PidState, current: float, inputs: Inputs
-) -> tuple[float, PidState]:
-    """Return the current and the PID's state of the law "pid": the last current holds while there is no reading."""
+    rule: Rule, plate: Array, here: float, integral: float, current: float, inputs: Inputs
+) -> tuple[float, float]:
+    """Return the current and the integral of the law "pid": the last current holds while there is no reading."""
     if not math.isfinite(inputs.output):
-        return current, pid
-    wanted, pid = pid_output(rule.gains, pid, inputs.target_now, inputs.output, rule.period_s)
+        return current, integral
+    wanted = pi_output(rule.gains, integral, inputs.target_now, inputs.output)
     low, high = current_range(plate, here, rule.current_limit_A)
     current = limited(wanted, low, high)
-    pid = pid_integrate(rule.gains, pid, inputs.target_now, inputs.output, current - wanted, rule.period_s)
-    return current, pid
+    integral = pi_integrated(rule.gains, integral, inputs.target_now, inputs.output, current - wanted, rule.period_s)
+    return current, integral
 
 
 Answer = tuple[float, float, float, float, bool]  # what a `Command` is made of
@@ -374,16 +492,16 @@ def law_step(
             output = output_of(film, here, plays)
     disturbance, doubt = disturbance_of(errors)
     if rule.name == PID:
-        current, pid = on_the_output(rule, plate, here, s.pid, s.current_A, inputs)
-        after = Known(here, shown, s.left, s.reference, v, pid, current, s.toward, s.moved, nan, known)
+        current, integral = on_the_output(rule, plate, here, s.integral, s.current_A, inputs)
+        after = Known(here, shown, s.left, s.reference, v, integral, current, s.toward, s.moved, nan, known)
         return (current, nan, nan, nan, True), packed(after, numbers.size), plays, possible, errors, heats
     there = FilmNow(v, plays, film, inverse)
     targets = inputs.targets - disturbance
     now = reference_at(period, inputs.elapsed_s, s.left, s.reference, Reference(here, here))
     plan = planned(rule, plate, here, 0.0, there, now, s.toward, doubt, known.output.variance, targets)
     now_degC, next_degC = now.film_degC, plan.reference.film_degC
-    current, pid = driven(rule, plate, here, now_degC, next_degC, s.pid)
+    current, integral = driven(rule, plate, here, now_degC, next_degC, s.integral)
     toward = direction_after(s.toward, now, plan)
-    after = Known(here, shown, now, plan.reference, v, pid, current, toward, plan.move, nan, known)
+    after = Known(here, shown, now, plan.reference, v, integral, current, toward, plan.move, nan, known)
     answer = current, next_degC, now_degC, output, plan.reached
     return answer, packed(after, numbers.size), plays, possible, errors, heats

@@ -29,7 +29,7 @@ from compensator.hysteresis import play
 from compensator.hysteresis.film import FilmModel, Packed
 from compensator.hysteresis.functions import Array
 from compensator.inverse.branch import workspace
-from compensator.inverse.solve import HIGH, LOW, Settings, arrive, solve
+from compensator.inverse.search import HIGH, LOW, Settings, arrive, solve
 from compensator.thermal.plate import PlateModel
 
 DEPARTURES: Final = 5  # departure times that are tried, between now and just in time

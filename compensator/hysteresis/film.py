@@ -26,7 +26,6 @@ from compensator.hysteresis.functions import (
     envelope_value,
     envelope_values,
 )
-from compensator.hysteresis.own_functions import envelope_code, memoryless_code, registered
 
 Packed = tuple[Array, Array, Array, int, Array]  # (envelopes, radii, weights, code of D, parameters of D)
 Initial = Literal["cooled", "heated"]
@@ -51,20 +50,14 @@ class Envelope:
     b: float
 
     def __post_init__(self) -> None:
-        if self.function not in ENVELOPE_CODES and envelope_code(self.function) is None:
-            known = ", ".join([*ENVELOPE_CODES, *registered()[0]])
-            raise ValueError(f"function: {self.function!r} is none of {known}")
+        if self.function not in ENVELOPE_CODES:
+            raise ValueError(f"function: {self.function!r} is none of {', '.join(ENVELOPE_CODES)}")
         if not (self.a > 0.0 and np.isfinite(self.a) and np.isfinite(self.b)):
             raise ValueError(f"a: {self.a!r}, b: {self.b!r}: expected a finite and > 0 (increasing), b finite")
 
     def row(self) -> tuple[float, float, float]:
         """Return the envelope as the compiled loops take it: (code, a, b)."""
-        code = ENVELOPE_CODES.get(self.function)
-        if code is None:
-            code = envelope_code(self.function)
-        if code is None:
-            raise ValueError(f"function: {self.function!r} is not registered in this process")
-        return float(code), self.a, self.b
+        return float(ENVELOPE_CODES[self.function]), self.a, self.b
 
 
 IDENTITY = Envelope("linear", 1.0, 0.0)
@@ -82,21 +75,15 @@ class Memoryless:
     coefficients: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.function not in MEMORYLESS_CODES and memoryless_code(self.function) is None:
-            known = ", ".join([*MEMORYLESS_CODES, *registered()[1]])
-            raise ValueError(f"function: {self.function!r} is none of {known}")
+        if self.function not in MEMORYLESS_CODES:
+            raise ValueError(f"function: {self.function!r} is none of {', '.join(MEMORYLESS_CODES)}")
         if not np.all(np.isfinite([self.amplitude, self.a, self.b, self.offset, *self.coefficients])):
             raise ValueError("amplitude, a, b, offset, coefficients: expected finite numbers")
 
     @property
     def code(self) -> int:
         """Return the number of the function in the compiled loops."""
-        code = MEMORYLESS_CODES.get(self.function)
-        if code is None:
-            code = memoryless_code(self.function)
-        if code is None:
-            raise ValueError(f"function: {self.function!r} is not registered in this process")
-        return code
+        return MEMORYLESS_CODES[self.function]
 
     def array(self) -> Array:
         """Return the parameters as the compiled loops take them: (amplitude, a, b, offset, c_0, c_1, ...)."""
@@ -163,10 +150,6 @@ class FilmModel:
                 raise ValueError(f"{name}: {len(envelopes)} envelopes for {self.radii.size} radii")
         if isinstance(self.rising, tuple) != isinstance(self.falling, tuple):
             raise ValueError("rising, falling: expected one envelope each for all operators, or one each for each")
-
-    def __getstate__(self) -> dict[str, object]:
-        """Return the fields alone: what is cached holds addresses that are valid in this process only."""
-        return {name: self.__dict__[name] for name in self.__dataclass_fields__}
 
     @property
     def operators(self) -> int:

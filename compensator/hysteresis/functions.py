@@ -6,7 +6,7 @@
                  D(v)     = amplitude / (v + 273.15) + offset           "arrhenius"
 
 v in degC. A compiled loop gets an envelope as the row (code, a, b) and a memoryless function as a code and the
-array (amplitude, a, b, offset, c_0, c_1, ...). Functions of a user's own: `compensator.hysteresis.own_functions`.
+array (amplitude, a, b, offset, c_0, c_1, ...).
 
 tanh is computed from one exponential, (1 - t) / (1 + t) with t = exp(-2 |s|): within 2.3e-16 of the exact value,
 twice as fast as libm's, and its slope 4 t / (1 + t)^2 stays exact in saturation, where 1 - tanh^2 is all rounding.
@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.compiled import njit
-from compensator.hysteresis.own_functions import HIGH, INFLECTION, LOW, SLOPE, THIRD, VALUE, call_at, number_at
 
 ENVELOPE_CODES: Final = {"linear": 0, "tanh": 1}  # by which compiled loops know them
 MEMORYLESS_CODES: Final = {  # the same of D
@@ -69,21 +68,14 @@ def envelope(code: float, a: float, b: float, v: float) -> tuple[float, float]:
     if code == 1.0:
         value, slope = tanh_and_slope(s)
         return value, a * slope
-    if code == 0.0:
-        return s, a
-    table = np.int64(code)
-    return call_at(table, VALUE, s), a * call_at(table, SLOPE, s)
+    return s, a
 
 
 @njit
 def envelope_value(code: float, a: float, b: float, v: float) -> float:
     """Return the value of an envelope function at v in degC: the same bits as `envelope` gives."""
     s = a * v + b
-    if code == 1.0:
-        return tanh_and_slope(s)[0]
-    if code == 0.0:
-        return s
-    return float(call_at(np.int64(code), VALUE, s))
+    return tanh_and_slope(s)[0] if code == 1.0 else s
 
 
 @njit
@@ -100,34 +92,23 @@ def envelope_inverse(code: float, a: float, b: float, value: float) -> float:
     """Return the v in degC at which the envelope has the value; +-inf beyond the ends of its range."""
     if code == 0.0:
         return (value - b) / a
-    low, high = envelope_limits(code, a)
-    if value >= high:
+    if value >= 1.0:
         return math.inf
-    if value <= low:
+    if value <= -1.0:
         return -math.inf
-    if code == 1.0:
-        return (0.5 * math.log((1.0 + value) / (1.0 - value)) - b) / a
-    return float((call_at(np.int64(code), THIRD, value) - b) / a)
+    return (0.5 * math.log((1.0 + value) / (1.0 - value)) - b) / a
 
 
 @njit
 def envelope_limits(code: float, a: float) -> tuple[float, float]:
     """Return the values of an increasing envelope (a > 0) at v = -inf and v = +inf."""
-    if code == 1.0:
-        return -1.0, 1.0
-    if code == 0.0:
-        return -math.inf, math.inf
-    return number_at(np.int64(code), LOW), number_at(np.int64(code), HIGH)
+    return (-1.0, 1.0) if code == 1.0 else (-math.inf, math.inf)
 
 
 @njit
 def envelope_inflection(code: float, a: float, b: float) -> float:
     """Return the one v at which the envelope is steepest or flattest; nan where its slope is monotone."""
-    if code == 1.0:
-        return -b / a
-    if code == 0.0:
-        return math.nan
-    return float((number_at(np.int64(code), INFLECTION) - b) / a)
+    return -b / a if code == 1.0 else math.nan
 
 
 @njit
@@ -170,11 +151,4 @@ def memoryless(code: int, par: Array, v: float) -> tuple[float, float, float]:
         absolute = max(v + KELVIN, COLDEST_K)
         value = amplitude / absolute
         return value + offset, -value / absolute, 2.0 * value / (absolute * absolute)
-    if code == 0:
-        return offset, 0.0, 0.0
-    s, scale = a * v + b, amplitude * a
-    return (
-        amplitude * call_at(code, VALUE, s) + offset,
-        scale * call_at(code, SLOPE, s),
-        scale * a * call_at(code, THIRD, s),
-    )
+    return offset, 0.0, 0.0

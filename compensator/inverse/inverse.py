@@ -4,17 +4,17 @@ From a memory, every temperature above the present one is reached on the rising 
 branch (`compensator.inverse.branch`). A walk away from the present temperature proves, interval by interval, that there
 is no solution, or that a bracket holds exactly one (`compensator.inverse.search`); so the solution nearest to the
 present temperature is found whenever there is one, where D decreases faster than h increases too (paper, table 1), and
-where there is none that is proven. Of several the `choice` is:
+where there is none that is proven. Of several the nearest is taken, or with a `heading` the next one that way, if there
+is one. The bound that is kept: |model(inverse(u)) - u| <= `bound`, 1e-10 of the output's unit, or 1e-12 of the model's
+span where that is more (outputs of hundreds). One *evaluation* is D and the envelopes at one trial temperature, the
+present one included.
 
-    "nearest"           the smallest change of temperature
-    "fastest"           the shortest time, at the plate's rates of heating and cooling
-    "fewest_reversals"  onward in the direction of `heading`, if there is a solution, else back
-
-On one branch all three take the nearest. The bound that is kept: |model(inverse(u)) - u| <= `bound`, 1e-10 of the
-output's unit, or 1e-12 of the model's span where that is more (outputs of hundreds). One *evaluation* is D and the
-envelopes at one trial temperature, the present one included.
-
-The paper's own iteration, eq (20), is `compensator.inverse.iteration`; it says where it cannot converge.
+A plan of a whole course, `branch_plan`: where D falls faster than the operators rise a target can have several
+temperatures, and the nearest may lead to where the next target has none. So several courses are followed side by side,
+each with its own memory. Of those that reach the last target the one is taken that the plate is least late on, and of
+equals the one that moves least. It is a beam search: at each target the `BEAM` best courses go on, no two of them
+within `APART_K` of each other, and the coldest and the hottest: where two ways part they are near each other, and the
+one that pays later costs more now.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,15 +31,12 @@ from numpy.typing import ArrayLike
 from compensator.hysteresis.film import FilmModel, Initial, Memory, memory_owning, writable
 from compensator.hysteresis.functions import Array
 from compensator.inverse.branch import SLOPE_ROW, pieces
-from compensator.inverse.search import FLAT_K
-from compensator.inverse.solve import BOUND, Settings, output_range, solutions_on_branch, trajectory
+from compensator.inverse.search import BOUND, FLAT_K, Settings, output_range, solutions_on_branch, trajectory
 
 LOW_DEGC, HIGH_DEGC = -50.0, 200.0  # limits of the search where none are given: no VO2 film switches beyond
 TOLERANCE = 5e-10  # of the output: 1e-9 decades are promised
 SPAN_SHARE = 1e-12  # of the output's span, where that is more
 MOST_SOLUTIONS: Final = 512
-
-Choice = Literal["nearest", "fastest", "fewest_reversals"]
 
 
 @dataclass(frozen=True)
@@ -67,25 +64,17 @@ class Solution:
 class Inverse:
     """Inverse of a film model within temperature limits (degC).
 
-    Every solution keeps |model(inverse(u)) - u| <= bound, in the output's unit. choice: of several solutions.
-    heating_K_per_s, cooling_K_per_s: the plate's rates (both > 0), for the choice "fastest".
+    Every solution keeps |model(inverse(u)) - u| <= bound, in the output's unit.
     """
 
     model: FilmModel
     low_degC: float = LOW_DEGC
     high_degC: float = HIGH_DEGC
     tolerance: float = TOLERANCE
-    choice: Choice = "nearest"
-    heating_K_per_s: float = 1.0
-    cooling_K_per_s: float = 1.0
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low_degC) and self.low_degC < self.high_degC < math.inf):
             raise ValueError(f"limits: {self.low_degC!r} to {self.high_degC!r} degC: expected low < high")
-        if self.choice not in ("nearest", "fastest", "fewest_reversals"):
-            raise ValueError(f"choice: {self.choice!r} is none of nearest, fastest, fewest_reversals")
-        if not (0.0 < self.heating_K_per_s < math.inf and 0.0 < self.cooling_K_per_s < math.inf):
-            raise ValueError("heating_K_per_s, cooling_K_per_s: expected finite numbers > 0")
 
     @cached_property
     def pieces(self) -> Array:
@@ -104,12 +93,8 @@ class Inverse:
         return max(self.tolerance, SPAN_SHARE * span)
 
     def settings(self, heading: int = 0) -> Settings:
-        """Return what the compiled loops need in addition to the film; heading: sign of the last move, 0 if none."""
-        up, down = 1.0, 1.0
-        if self.choice == "fastest":
-            up, down = 1.0 / self.heating_K_per_s, 1.0 / self.cooling_K_per_s
-        elif self.choice == "fewest_reversals" and heading != 0:
-            up, down = (1.0, 1e9) if heading > 0 else (1e9, 1.0)
+        """Return what the compiled loops need in addition to the film; heading: 1 up, -1 down, 0 to the nearest."""
+        up, down = 1e9 if heading < 0 else 1.0, 1e9 if heading > 0 else 1.0
         limits = np.array([self.low_degC, self.high_degC, self.bound, self.least_slope, up, down])
         return limits, self.pieces
 
@@ -118,10 +103,8 @@ class Inverse:
         return self.settings()
 
     def solve(self, target: float, memory: Memory, heading: int = 0) -> Solution:
-        """Return the chosen temperature at which the output is `target`, from this memory.
-
-        heading: sign of the last move of the temperature, for the choice "fewest_reversals".
-        """
+        """Return the temperature at which the output is `target`, from this memory: the nearest, or with a heading (1
+        up, -1 down) the next that way, if there is one."""
         rows, counts = np.empty((2, 1)), np.empty(1, dtype=np.int64)
         plays = memory.plays.copy()
         settings = self.settings(heading) if heading else self._settings
@@ -247,3 +230,75 @@ def _nearest(target: float, ends: Sequence[float]) -> float:
         return math.nan
     within = min(max(target, ends[0]), ends[-1])
     return min(ends, key=lambda end: abs(end - within))
+
+
+BEAM: Final = 12  # a film of table 1 has at most four temperatures for a target (`benchmark paper`)
+APART_K: Final = 0.05  # nearer than the noise of the plate: one course
+
+
+@dataclass(frozen=True, eq=False)
+class BranchPlan:
+    """Temperatures of a course: which of several to take at each target.
+
+    temperatures_degC: shape (targets,), up to the first target that no course reaches. memory: after the last of them.
+    late_s: total time by which the plate is late on it.
+    """
+
+    temperatures_degC: Array
+    memory: Memory
+    late_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    late_s: float
+    moved_K: float
+    degC: float
+    memory: Memory
+    before: _Course | None
+
+
+def branch_plan(
+    inverse: Inverse, times_s: Array, targets: Array, memory: Memory, cooling_K_per_s: float, heating_K_per_s: float
+) -> BranchPlan:
+    """Plan the course for outputs `targets` at `times_s`, shapes (targets,), from a memory.
+
+    The rates (both > 0) are the plate's; the first target is reached in whatever time it takes.
+    """
+    courses = [_Course(0.0, 0.0, memory.input_degC, memory, None)]
+    spans = np.diff(times_s, prepend=-np.inf)
+    for target, span_s in zip(targets, spans, strict=True):
+        following: list[_Course] = []
+        for course in courses:
+            for degC in inverse.solutions(float(target), course.memory)[0]:
+                moved = float(degC) - course.degC
+                needed_s = moved / heating_K_per_s if moved > 0.0 else -moved / cooling_K_per_s
+                late_s = course.late_s + max(needed_s - span_s, 0.0)
+                after = inverse.model.step(float(degC), course.memory)[1]
+                following.append(_Course(late_s, course.moved_K + abs(moved), float(degC), after, course))
+        if not following:
+            break
+        courses = _best(following)
+    return _plan(courses[0])
+
+
+def _best(courses: list[_Course]) -> list[_Course]:
+    """Return the courses that go on, the best first."""
+    cheapest = sorted(courses, key=lambda c: (c.late_s, c.moved_K))
+    kept: list[_Course] = []
+    for course in cheapest:
+        if all(abs(course.degC - other.degC) > APART_K for other in kept):
+            kept.append(course)
+        if len(kept) == BEAM:
+            break
+    ends = (min(cheapest, key=lambda c: c.degC), max(cheapest, key=lambda c: c.degC))
+    return kept + [course for course in ends if course not in kept]
+
+
+def _plan(last: _Course) -> BranchPlan:
+    temperatures: list[float] = []
+    course: _Course | None = last
+    while course is not None and course.before is not None:
+        temperatures.append(course.degC)
+        course = course.before
+    return BranchPlan(np.array(temperatures[::-1]), last.memory, last.late_s)

@@ -236,7 +236,7 @@ def identified(records: Sequence[Record], options: FitOptions, say: Callable[[st
         plate=plate,
         film_records=tuple(with_film),
         plate_records=tuple(with_plate),
-        findings=tuple(check_model(film.model, *seen_degC(with_film)).findings) if film is not None else (),
+        findings=check_model(film.model, *seen_degC(with_film)) if film is not None else (),
         compression=compression,
         numbers=tuple(numbers),
         lag_s=lag_s,
@@ -299,11 +299,7 @@ def plate_notes(fit: PlateFit, known: Iterable[str] = ()) -> list[str]:
 
 def finding_notes(findings: Iterable[Finding]) -> list[str]:
     """Return what to know of a film model before it is used, within the temperatures of its records."""
-    return [
-        f"{finding.what}: {finding.advice}"
-        for finding in findings
-        if not finding.kind.startswith("iteration")  # the paper's method, which nothing here relies on
-    ]
+    return [f"{finding.what}: {finding.advice}" for finding in findings]
 
 
 def finding_documents(findings: Iterable[Finding]) -> list[dict[str, Any]]:

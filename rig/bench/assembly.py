@@ -9,13 +9,14 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from rig.bench.output_off import OutputOff
-from rig.bench.simulation import simulated_world
 from rig.config.configuration import ConfigurationFile
-from rig.config.tables import ControllerTable, MeterTable
+from rig.config.effect_tables import switch_effects
+from rig.config.model_file import read_model
+from rig.config.tables import ControllerTable, MeterTable, ModelFilmTable, RelayFilmTable
 from rig.core.clock import Clock, RealClock, VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, PortHeld, TimedOut, called, of_whom
 from rig.core.faults import Faults, fault
+from rig.core.outcome import NotConfirmedOff, OfOutput
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.drivers.meter import ResistanceMeter
@@ -24,9 +25,136 @@ from rig.guard.pipe import UNGUARDED, Guard
 from rig.ports.open import open_elsewhere
 from rig.ports.protocol_sim import register, unregister
 from rig.ports.transport import nobody_answers
+from rig.records.film_output import in_decades
+from rig.safety.signals import SignalStop
+from rig.safety.switching_off import off_confirmed, switch_off
+from sim.effects.effect import Switched, switched
+from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter, emulator_options
+from sim.model.film_side import Film
+from sim.model.links import links_of
+from sim.world.films import PreisachFilm, film_of_world
 from sim.world.plant import SimulatedPlant
+from sim.world.world import Detector, World
+
+
+def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:
+    """Return the true film, and the memory that it starts with."""
+    table = file.content.simulation.film
+    if isinstance(table, ModelFilmTable):
+        model = read_model(file.beside(table.model), needs=("film",)).film
+        assert model is not None
+        meter = file.content.bench.meter
+        if meter is not None and meter.quantity == "resistance" and not in_decades(model.output):
+            text = f"its film's output is {model.output!r}; expected a resistance to be read in ohms, or a meter"
+            raise fault(file.path, "simulation.film.model", f"{text} with quantity = 'voltage'")
+        return film_of_world(model), model.initial
+    assert isinstance(table, RelayFilmTable)
+    film = PreisachFilm.bell_shaped(
+        table.seed,
+        table.relays,
+        table.mean_degC,
+        table.spread_K,
+        table.halfwidth_K,
+        table.halfwidth_sigma,
+        table.decades,
+        table.memoryless.memoryless(),
+    )
+    return film, "cooled"
+
+
+def simulated_effects(file: ConfigurationFile) -> tuple[Switched, ...]:
+    """Return the effects that are switched on. Raises Faults, as for an effect that two places switch on."""
+    table = file.content.simulation
+    effects, _ = switch_effects(table.effects, "simulation.effects", complete=False)
+    if table.heat_sink_warmup is not None:
+        effects += (switched(HEAT_SINK_WARMUP, table.heat_sink_warmup.model_dump()),)
+    if isinstance(table.film, ModelFilmTable):
+        effects += read_model(file.beside(table.film.model)).switched()
+    return effects
+
+
+def simulated_world(file: ConfigurationFile) -> World:
+    """Return what is true of the simulated rig. Raises Faults if a model file is wrong."""
+    table = file.content.simulation
+    film, initial = simulated_film(file)
+    effects = simulated_effects(file)
+    try:
+        links_of(effects)
+    except ValueError as error:
+        raise fault(file.path, "simulation.effects", f"{error}, with those of simulation.film's model") from None
+    return World(
+        plate=table.plate.model(),
+        film=film,
+        first_degC=table.first_degC,
+        film_initial=initial,
+        thermometer_noise_K=table.thermometer_noise_K,
+        ohmmeter_noise_dec=table.ohmmeter_noise_dec,
+        seed=table.seed,
+        effects=effects,
+        detector=Detector(**table.detector.model_dump()) if table.detector is not None else None,
+    )
+
+
+class OutputOff:
+    """Context that ends with the controller's output off, whatever happens, and knows whether that is confirmed.
+
+    table: where the controller is, for the error. signals: held back from the moment at which the output goes off, as
+    long as an error is on its way; None: of the bench, whose output is commanded off at the beginning as well, and for
+    whose output the guard answers until the end, or until everything has been tried and that is told.
+    Raises NotConfirmedOff, which outranks all others; after it nothing is sent any more, which would only feed the
+    controller's dead man.
+    """
+
+    def __init__(
+        self,
+        controller: TemperatureController,
+        table: ControllerTable,
+        guard: Guard = UNGUARDED,
+        signals: SignalStop | None = None,
+    ) -> None:
+        self._controller, self._table = controller, table
+        self._guard, self._signals = guard, signals
+        self.confirmed: bool | None = None
+
+    def __enter__(self) -> OutputOff:
+        if self._signals is None:
+            self._switch_off(None)
+            self._guard.idle()  # where it had armed the output before, and lost it: that is over
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if self._signals is not None:
+            self._signals.shield()
+        if isinstance(error, NotConfirmedOff):
+            self.confirmed = False
+            self._guard.given_up()
+            return
+        self._switch_off(error)
+        if self._signals is None:
+            self._guard.let_go()
+            if error is not None:
+                error.add_note(OfOutput(off_confirmed(self._controller)))
+            return
+        self._guard.idle()
+        if error is None:
+            self._signals.expose()
+
+    def _switch_off(self, error: BaseException | None) -> None:
+        """Raises NotConfirmedOff."""
+        verdict = switch_off(self._controller, alive=self._guard.alive)
+        self.confirmed = verdict.confirmed
+        if not verdict.confirmed:
+            self._guard.given_up()
+            port, driver = self._table.port, self._table.driver
+            who = called(port, "controller", driver)
+            reason = f"; before that: {str(error).removeprefix(f'{who}: ')}" if error is not None else ""
+            silent = nobody_answers(self._controller, port, "controller", driver, "to switch its output off")
+            raise NotConfirmedOff(silent or f"{port}: {verdict.text}{reason}") from error
+        if verdict.text and error is not None:
+            error.add_note(verdict.text)
+
 
 T = TypeVar("T")
 _numbers = itertools.count(1)

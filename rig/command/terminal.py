@@ -1,19 +1,25 @@
-"""The output of a verb: lines for people, a progress line, and JSON with --json."""
+"""The output of a verb: lines for people, JSON with --json, and a line of progress."""
 
 from __future__ import annotations
 
+import math
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from rig.command.record_arguments import writable_file
+from rig.control.decision import Onlooker, Phases, Tick
 from rig.core.file_writing import write_text
-from rig.records.run_folder import plain_json
+from rig.core.streams import PatientLine, TerminalLine
+from rig.daemon.status_text import clock, number, resistance
+from rig.drivers.controller import OF_FULL_DRIVE
 
 if TYPE_CHECKING:
-    from rig.command.progress import Progress
+    from rig.core.reading import Reading
     from rig.core.streams import PatientLine
 
 
@@ -36,9 +42,10 @@ class Terminal:
 
     def write_json(self, value: Any) -> None:
         """Write the JSON, if --json is given."""
+        from rig.records.run_folder import plain_json  # with numpy, which a process behind its guard does without
+
         if self._json == "-":
-            sys.stdout.write(plain_json(value) + "\n")
-            sys.stdout.flush()
+            print(plain_json(value), flush=True)
         elif self._json is not None:
             write_text(Path(self._json), plain_json(value) + "\n")
 
@@ -48,7 +55,6 @@ class Terminal:
         if virtual and not sys.stderr.isatty():
             yield None
             return
-        from rig.command.progress import Progress
         from rig.core.streams import PatientLine, TerminalLine
 
         self._line = PatientLine(TerminalLine(sys.stderr))
@@ -62,3 +68,97 @@ class Terminal:
 def to_stderr(text: str) -> None:
     """Print a line on stderr at once."""
     print(text, file=sys.stderr, flush=True)
+
+
+class Progress(Onlooker):
+    """Shows the progress of an experiment in a line. virtual: True if its time is simulated, which the line then
+    says."""
+
+    def __init__(self, line: TerminalLine | PatientLine, virtual: bool = False) -> None:
+        self._line, self._about = line, "a simulated" if virtual else "about"
+        self._coming: Phases = []
+        self._now = ("", 0.0, 0.0)  # the phase that runs: its name, seconds done, seconds in all
+        self._before_s = self._run_s = 0.0  # of the runs before this one; of this one
+        self._drive_unit, self._quantity = "A", "resistance_ohm"
+
+    def expect(self, phases: Phases, drive_unit: str, quantity: str) -> None:
+        self._coming = list(phases)
+        self._drive_unit, self._quantity = drive_unit, quantity
+
+    def phase(self, name: str, done_s: float, of_s: float) -> None:
+        """Take how far a phase is; those that were expected before it are over."""
+        from rig.experiment.feasibility import still_to_come  # loaded by the experiment that calls
+
+        if done_s == 0.0:
+            self._coming = still_to_come(self._coming, name)
+        self._now = (name, done_s, of_s)
+
+    def tick(self, tick: Tick) -> None:
+        """Show the line, if it is due."""
+        if tick.time_s < self._run_s:
+            self._before_s += self._run_s
+        self._run_s = tick.time_s
+        if self._line.due():
+            self._line.show(self.in_words(tick))
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the first run began, s."""
+        return self._before_s + self._run_s
+
+    @property
+    def to_go_s(self) -> float:
+        """Time left of this phase, and expected after it, s."""
+        _, done_s, of_s = self._now
+        return max(of_s - done_s, 0.0) + sum(seconds for _, seconds in self._coming)
+
+    def in_words(self, tick: Tick) -> str:
+        """Return the line."""
+        total = f"{clock(self.elapsed_s)} of {self._about} {clock(self.elapsed_s + self.to_go_s)}"
+        parts = [f"{tick.phase:<9} {total}, {clock(self.to_go_s)} to go", number(_value(tick.temperature), "degC", 2)]
+        if self._quantity:
+            parts.append(self._film(_value(tick.resistance)))
+        digits = 3 if self._drive_unit == OF_FULL_DRIVE else 2
+        return "   ".join([*parts, number(tick.current_A, self._drive_unit, digits)])
+
+    def _film(self, value: float) -> str:
+        if self._quantity == "resistance_ohm":
+            return resistance(value)
+        return f"{value:.4g} {self._quantity.partition('_')[2]}" if math.isfinite(value) else "-"
+
+
+def _value(reading: Reading | None) -> float:
+    return reading.value if reading is not None and reading.is_number else math.nan
+
+
+class CaseProgress:
+    """Context with a line on stderr: how many of many cases are done."""
+
+    def __enter__(self) -> CaseProgress:
+        self._line = TerminalLine(sys.stderr)
+        self._began_s = time.monotonic()
+        self._first: int | None = None  # done before the first one ended: those took no time of this command
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._line.clear()
+
+    def show(self, done: int, of: int) -> None:
+        """Show that `done` of `of` cases have ended."""
+        if self._first is None:
+            self._first = done - 1
+        since_s = time.monotonic() - self._began_s
+        if self._line.due() or done == of:
+            to_go_s = since_s * (of - done) / max(done - self._first, 1)
+            self._line.show(f"{done} of {of} cases   {clock(since_s)}, {clock(to_go_s)} to go")
+
+    def clear(self) -> None:
+        """Clear the line, so that what is printed next begins a line of its own."""
+        self._line.clear()
+
+    def print(self, text: str) -> None:
+        """Print a line that stays."""
+        self.clear()
+        print(text, file=sys.stderr, flush=True)

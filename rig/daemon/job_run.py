@@ -17,8 +17,7 @@ from rig.daemon.command_queue import RUNNING, CommandQueue, Job, JobStopped, his
 from rig.daemon.configurations import model_of
 from rig.daemon.output_lock import JobPass, StoppableClock
 from rig.experiment.calibration import Calibration
-from rig.experiment.feasibility import target_and_model
-from rig.experiment.phases import expected_calibration, expected_run, still_to_come
+from rig.experiment.feasibility import expected_calibration, expected_run, still_to_come, target_and_model
 from rig.experiment.run_record import Session
 from rig.experiment.session import calibrate, run_on
 from rig.records.run_folder import part_of, prepared_folder

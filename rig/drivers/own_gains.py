@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from compensator.control.design import OwnPid
+from compensator.control.pid import OwnPid
 from rig.drivers.controller import OwnField
 from rig.drivers.registry import controller_class
 

@@ -23,8 +23,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.control.design import design_temperature
 from compensator.control.law import Law, LawSettings
+from compensator.control.pid import design_temperature
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.inverse.check import Finding, check_model
@@ -34,12 +34,12 @@ from rig.analysis.transition import FilmNumbers, at_own_times, believed_degC, do
 from rig.config.configuration import Configuration
 from rig.config.model_file import Model, write_model
 from rig.config.target import Target
+from rig.control.law_units import plate_observer
 from rig.control.loop import Loop
 from rig.control.policies import CurrentProfile, Follow, temperature_now, warmed_up
 from rig.core.faults import fault
 from rig.core.outcome import Tripped, Unsuitable
 from rig.drivers.controller import cools
-from rig.experiment.extended_model import plate_observer
 from rig.records.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
 from rig.records.run_folder import RunFolder, final_path
 from rig.safety.plate_watch import OF_A_PULSE, OF_PULSES, KnownPlate, watchable_rate_K_per_s
@@ -466,6 +466,6 @@ def identify_calibration(
         check_rmse_K=float(np.sqrt(np.nanmean(error_K**2))),
         predicted_output=sign_of(name) * -predicted,
         numbers=doubted(numbers, predicted[fitted], output[fitted]),
-        findings=check_model(film, float(np.nanmin(temperature)), float(np.nanmax(temperature))).findings,
+        findings=check_model(film, float(np.nanmin(temperature)), float(np.nanmax(temperature))),
         left_out=tuple(left_out),
     )

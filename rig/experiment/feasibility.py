@@ -8,14 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
 
 from compensator.hysteresis.film import FilmModel, Memory
 from compensator.hysteresis.functions import Array
-from compensator.inverse.branch_plan import branch_plan
-from compensator.inverse.inverse import Inverse
+from compensator.inverse.inverse import Inverse, branch_plan
 from compensator.thermal.plate import PlateModel
 from rig.analysis.film_records import beyond_seen
 from rig.analysis.inversion import order_warning
@@ -23,13 +23,12 @@ from rig.analysis.prediction import needs_test_current
 from rig.config.configuration import Configuration, ConfigurationFile
 from rig.config.model_file import Model, read_model
 from rig.config.target import Target, parse_profile, read_target
-from rig.control.decision import Policy
-from rig.control.law_units import LawUnits, in_law_units, law_units
+from rig.control.decision import Phases, Policy
+from rig.control.law_units import LawUnits, in_law_units, law_units, own_target
 from rig.control.policies import CurrentProfile
 from rig.core.faults import Faults, fault
 from rig.drivers.controller import OF_FULL_DRIVE
-from rig.experiment.calibration import calibration_range
-from rig.experiment.extended_model import own_target
+from rig.experiment.calibration import PULSE_S, calibration_range, fitted_and_checked, minor_turning_points
 from rig.experiment.repetitions import check_repeatable
 from rig.records.film_output import FALLING_RESISTANCE, in_decades, other_sign
 
@@ -136,7 +135,7 @@ def check_target(
 
     target, film: in the law's units. A point that the film cannot have there, from where the points before have left
     it, is a fault with its time. Of several temperatures the nearest are taken, unless they lead to where a later point
-    has none: then those of a plan of the whole target (`compensator.inverse.branch_plan`).
+    has none: then those of a plan of the whole target (`compensator.inverse.inverse`).
     """
     inverse = Inverse(film, *configuration.limits.temperature_degC)
     memory = film.initial_memory(hot_degC, "cooled")
@@ -325,3 +324,64 @@ def _check_output(model: Model, where: object, quantity: str) -> None:
         what = "whose resistance rises" if quantity == "resistance" else "of which no resistance is read"
         name = on_readings[0].name
         raise fault(where, "effects", f"{name}: has no meaning for a film {what} (film.output {output!r})")
+
+
+# ---- the phases to come, each with its seconds: what is not known yet is guessed, until the phase begins -----
+
+POLARITY_S = 5.0  # of a plate whose thermometer answers at once
+ROOM_DEGC = 25.0
+TRANSITION_SHARE = 0.4  # of the range that a calibration goes through
+
+
+def still_to_come(phases: Phases, name: str) -> Phases:
+    """Return the phases that are expected after the one of this name, which begins; all if none has this name."""
+    names = [expected for expected, _ in phases]
+    return phases[names.index(name) + 1 :] if name in names else phases
+
+
+def expected_calibration(configuration: Configuration) -> Phases:
+    """Return the phases of a calibration, with their seconds."""
+    c = configuration.calibration
+    low, high = calibration_range(configuration)
+    rate, width = c.rate_K_per_s, TRANSITION_SHARE * (high - low)
+    middle = 0.5 * (low + high)
+    span = c.transition_degC or (middle - 0.5 * width, middle + 0.5 * width)
+    fitted, checked = fitted_and_checked(minor_turning_points(span, (low, high), c.minor_loops, c.seed))
+
+    def along(points: list[float]) -> float:
+        return sum(abs(b - a) / rate + c.dwell_s for a, b in pairwise(points)) + c.dwell_s
+
+    return [
+        ("polarity", POLARITY_S),
+        *[("pulse", seconds) for seconds in (2.0, PULSE_S, PULSE_S, PULSE_S, PULSE_S)],
+        ("condition", along([ROOM_DEGC, high])),
+        ("major", along([high, low, high, low])),
+        ("minor", along([low, *fitted])),
+        ("check", along([fitted[-1], *checked])),
+    ]
+
+
+def expected_run(configuration: Configuration, target: Target, model: Model | None) -> Phases:
+    """Return the phases of a run: a calibration if there is no model, then each law."""
+    e = configuration.experiment
+    plate = model.plate if model is not None else None
+    if e.kind not in ("track_resistance", "track_output"):
+        by_a_law = e.law != "instrument_pid" and e.kind not in OWN_POLICY
+        approach = [("approach", e.settle_s)] if by_a_law else []
+        return [("polarity", POLARITY_S), *approach, ("profile", target.duration_s)]
+    low, high = calibration_range(configuration)
+    rate = _rate(plate, configuration, high)
+    way_s = 0.5 * (high - low) / rate
+    first = [("polarity", POLARITY_S)] if model is not None else expected_calibration(configuration)
+    each = [("condition", way_s), ("approach", way_s + e.settle_s)] if e.memory == "condition" else []
+    each = [*each, ("settle", e.settle_s)]
+    runs = len(e.laws) + e.repeat - 1
+    return [*first, *[phase for _ in range(runs) for phase in (*each, ("track", target.duration_s))]]
+
+
+def _rate(plate: PlateModel | None, configuration: Configuration, high_degC: float) -> float:
+    """Return the rate of the plate on the way to its conditioning and back (K/s)."""
+    if plate is None:
+        return USUAL_K_PER_S
+    cool, heat = plate.rate_range_K_per_s(high_degC, configuration.limits.current_A)
+    return max(configuration.control.rate_share * min(heat, abs(cool)), 0.01)

@@ -20,8 +20,8 @@ from rig.analysis.prediction import ChannelError, errors_of, predicted
 from rig.config.configuration import ConfigurationFile, read_configuration
 from rig.config.model_file import Drive, read_model
 from rig.config.target import Target, read_target
+from rig.control.law_units import COMPENSATED
 from rig.core.faults import Faults
-from rig.experiment.extended_model import COMPENSATED
 from rig.experiment.feasibility import TRACKING, quantity_of, target_of
 from rig.records.film_output import FALLING_RESISTANCE
 from rig.records.record_file import Record

@@ -1,7 +1,7 @@
 """Repetitions of a tracking run: what the film model lacks of the output goes from one run into the next.
 
 It is taken off the readings and off the target, so that the law goes by a film that its model describes
-(`compensator.control.repetition`).
+(`compensator.control.estimator`).
 
     correction.csv   in a run's folder: what was used (time_s, model_lacks_dec: on -log10 R)
     learned.csv      what the next repetition would use
@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from compensator.control.repetition import model_error
+from compensator.control.estimator import model_error
 from compensator.hysteresis.functions import Array
 from rig.analysis.error import TRACK, rms, tracking_error
 from rig.config.configuration import ConfigurationFile

@@ -16,13 +16,12 @@ from rig.config.configuration import ConfigurationFile, configuration_of
 from rig.config.model_file import plate_table, read_model
 from rig.config.target import read_target
 from rig.config.toml_file import read_text, read_toml, shown
-from rig.control.decision import Policy, Predicts, read_at
+from rig.control.decision import Policy, Predicts, law_of, read_at
+from rig.control.law_units import known_plate, plate_observer
 from rig.control.loop import Loop
-from rig.control.own_law import law_of
 from rig.control.policies import Follow
 from rig.core.faults import fault
 from rig.core.json_text import parsed_json
-from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.feasibility import TRACKING, quantity_of
 from rig.experiment.repetitions import USED, read_correction
 from rig.experiment.simulation import simulated_configuration, table_in

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.bench.assembly import Bench
-from rig.bench.output_off import OutputOff
+from rig.bench.assembly import Bench, OutputOff
 from rig.config.configuration import ConfigurationFile
 from rig.control.decision import Onlooker
 from rig.control.loop import Loop

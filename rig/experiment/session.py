@@ -6,16 +6,21 @@ Order on every way out: output off and confirmed, rows flushed, reason written, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from compensator.control.design import Design
+from compensator import listeners
+from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import LawName
+from compensator.control.pid import Design, PidGains
+from compensator.inverse.check import check_model
+from compensator.precompile import FILM, PLATE, precompile
 from compensator.thermal.plate import Kind
 from rig.analysis.error import COUNTED, Score, target_error
 from rig.analysis.prediction import needs_test_current
@@ -24,16 +29,14 @@ from rig.config.configuration import Configuration, ConfigurationFile
 from rig.config.model_file import Model, write_model
 from rig.config.target import Target, target_column
 from rig.control.decision import Onlooker, Phases, Policy
+from rig.control.law_units import chain_observer, known_plate, plate_observer
 from rig.control.loop import Loop
-from rig.control.policies import Follow, Setpoints
+from rig.control.policies import Follow, Setpoints, warmed_up
 from rig.core.faults import fault
 from rig.drivers.controller import cools, drive_unit
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, column_of
 from rig.experiment.calibration import Calibration, identify_calibration, record_calibration
-from rig.experiment.compile_ahead import compile_ahead
-from rig.experiment.extended_model import known_plate, plate_observer
-from rig.experiment.feasibility import OWN_POLICY, TRACKING, check_feasible, target_and_model
-from rig.experiment.phases import expected_run
+from rig.experiment.feasibility import OWN_POLICY, TRACKING, check_feasible, expected_run, target_and_model
 from rig.experiment.polarity import check_polarity
 from rig.experiment.repetitions import LEARNED, USED, Learning, read_correction, write_correction
 from rig.experiment.run_record import Report, Session, no_report, one_run, worked_out
@@ -43,6 +46,64 @@ from rig.records.record_file import write_columns
 from rig.records.run_folder import PREDICTED, RunFolder, default_folder, part_of, prepared_folder
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from rig.safety.signals import SignalStop
+from sim.effects.actuator_delay import EFFECT as ACTUATOR_DELAY
+from sim.effects.effect import switched
+from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
+from sim.inference.film.fit import identify_film
+from sim.inference.plate.fit import identify_plate
+
+LONG_S = 2.0  # from which its end is reported, too
+PERIOD_S = 0.1
+
+
+def compile_ahead(say: Callable[[str], None], calibrates: bool) -> None:
+    """Compile the control law, and where a calibration is to come its fits and the laws behind a thermometer that lags;
+    what is on disk already is loaded. say: called where it takes long."""
+    began_s = time.monotonic()
+    with _reported(say):
+        precompile()
+        if calibrates:
+            _precompile_film_fit()
+            _precompile_plate_fit()
+            behind = [switched(ACTUATOR_DELAY, {"delay_s": PERIOD_S}), switched(SENSOR_LAG, {"tau_s": 1.0})]
+            names: tuple[LawName, ...] = ("temperature", "full")
+            for name in names:
+                film = FILM if name == "full" else None
+                settings = LawSettings(name, PERIOD_S, 4.0, 10.0, 95.0, PidGains(1.0, 0.1))
+                law = warmed_up(Law(settings, PLATE, film, chain_observer(behind, PLATE, film, PERIOD_S)))
+                law.late(law.start(25.0, None), 0.0, 0.5 * PERIOD_S)
+    took_s = time.monotonic() - began_s
+    if took_s > LONG_S:
+        say(f"compiled in {took_s:.0f} s")
+
+
+def _precompile_film_fit() -> None:
+    """Fit a small film to two sweeps, and check it."""
+    time_s = np.arange(150.0) * 0.4
+    degC = 60.0 + 25.0 * np.sin(time_s * np.pi / 15.0)
+    output, _ = FILM.simulate(degC, FILM.initial_memory(float(degC[0])))
+    fit = identify_film(
+        time_s, degC, output, kind="extended_generalized_pi", form="tanh", operators=2, initial="heated"
+    )
+    check_model(fit.model, 40.0, 80.0)
+
+
+def _precompile_plate_fit() -> None:
+    """Fit a plate to a minute of a current, read more and less often than it is simulated."""
+    time_s = np.append(np.arange(0.0, 40.0, 0.4), np.arange(40.0, 60.0, 2.0))
+    current_A = np.where(time_s < 20.0, 1.5, np.where(time_s < 40.0, -1.0, 0.0))
+    identify_plate(time_s, PLATE.simulate(25.0, time_s, current_A), current_A, lag=True)
+
+
+@contextmanager
+def _reported(say: Callable[[str], None]) -> Iterator[None]:
+    """Report through `say` that loops are compiled."""
+    listeners.append(say)
+    try:
+        yield
+    finally:
+        listeners.remove(say)
+
 
 BEYOND = 1.1  # of the target's ends: a film off by 0.04 decades still finds its range
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.bench.simulation import simulated_world
+from rig.bench.assembly import simulated_world
 from rig.config.configuration import ConfigurationFile, configuration_of
 from rig.config.effect_tables import add_effect_files, parse_effect, switch_effects
 from rig.config.toml_file import read_text, read_toml

@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from compensator.control.design import Design, design_log_resistance, design_temperature
-from compensator.control.law import Law, LawSettings
+from compensator.control.law import Law, LawSettings, Observer
 from compensator.control.law_step import LawName, LawState
-from compensator.control.linearization import Timing
-from compensator.control.observer import Observer
+from compensator.control.margins import Timing
+from compensator.control.pid import Design, design_log_resistance, design_temperature
 from compensator.control.reference_shaping import crossing_s, preview
 from compensator.hysteresis.film import FilmModel
 from compensator.inverse.inverse import Inverse
@@ -28,12 +27,11 @@ from rig.analysis.error import Score, score
 from rig.config.configuration import Configuration
 from rig.config.model_file import Model
 from rig.config.target import Target
-from rig.control.law_units import LawUnits, in_law_units, law_units
+from rig.control.law_units import COMPENSATED, LawUnits, chain_observer, in_law_units, law_units, own_target
 from rig.control.loop import Loop
 from rig.control.policies import Branches, Follow, handed_over, temperature_now, warmed_up
 from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
-from rig.experiment.extended_model import COMPENSATED, chain_observer, own_target
 from rig.experiment.feasibility import Course, check_target
 
 HOT_DWELL_S = 3.0  # at the hot end, until film and thermometer have followed

@@ -13,28 +13,30 @@ from dataclasses import asdict, dataclass, field, replace
 from itertools import groupby
 from typing import Any
 
-from compensator.control.design import Design, OwnPid, design_own_pid, steepest_slope
 from compensator.control.law import Law
 from compensator.control.law_step import LawName
-from compensator.control.linearization import Point, Timing, operating_points
 from compensator.control.margins import (
     NOISES_K,
     RATIOS,
     LoopMargins,
+    Point,
+    Timing,
     critical_gain,
     critical_ratio,
     least,
     loop_margins_at,
+    operating_points,
     share_within,
     worst_ms,
 )
+from compensator.control.pid import Design, OwnPid, design_own_pid, steepest_slope
 from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
 from rig.config.configuration import Configuration
 from rig.config.model_file import Model
+from rig.control.law_units import COMPENSATED, chain_observer
 from rig.drivers.controller import OwnField
 from rig.drivers.own_gains import configured_pid, own_fields, set_pid
-from rig.experiment.extended_model import COMPENSATED, chain_observer
 from rig.experiment.tracking import law_and_design
 
 

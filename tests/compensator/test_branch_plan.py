@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
-from compensator.inverse.branch_plan import branch_plan
-from compensator.inverse.inverse import Inverse
+from compensator.inverse.inverse import Inverse, branch_plan
 
 RADII = np.arange(3, 15) / 15.0
 FILM = FilmModel(  # the paper's table 1, with weights of our own: D falls from 46 to 65 degC

@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.control.design import design_pi, loop_margins, maximum_sensitivity, sampled_loop
-from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
+from compensator.control.pid import (
+    PidGains,
+    design_pi,
+    loop_margins,
+    maximum_sensitivity,
+    pi_integrated,
+    pi_output,
+    sampled_loop,
+)
 
 
 @pytest.mark.parametrize("ms", [1.2, 1.4, 2.0])
@@ -42,10 +49,19 @@ def test_the_closed_loop_is_the_one_that_was_designed() -> None:
     loop = sampled_loop(design.gains, 1.0, 0.0, 0.1, 0.1)
     times = np.arange(80) * 0.1
     _, expected = control.step_response(control.feedback(loop, 1), times)
-    state, y, delayed, outputs = PidState(), 0.0, 0.0, []
+    integral, y, delayed, outputs = 0.0, 0.0, 0.0, []
     for _ in times:
         outputs.append(y)
-        u, state = pid_output(design.gains, state, 1.0, y, 0.1)
-        state = pid_integrate(design.gains, state, 1.0, y, 0.0, 0.1)
+        u = pi_output(design.gains, integral, 1.0, y)
+        integral = pi_integrated(design.gains, integral, 1.0, y, 0.0, 0.1)
         y, delayed = y + 0.1 * delayed, u
     np.testing.assert_allclose(outputs, np.ravel(expected)[:80], atol=1e-10)
+
+
+def test_the_integrator_leaves_saturation_at_once() -> None:
+    gains, limit, integral, y = PidGains(2.0, 1.0, tracking_time_s=0.1), 1.0, 0.0, 0.0
+    for _ in range(500):  # far below the setpoint: saturated
+        v = pi_output(gains, integral, 10.0, y)
+        integral = pi_integrated(gains, integral, 10.0, y, min(max(v, -limit), limit) - v, 0.1)
+    assert pi_output(gains, integral, -0.5, 0.0) < limit  # the error changes its sign, and so does the direction
+    assert abs(integral) < 25.0

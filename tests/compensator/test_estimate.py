@@ -158,7 +158,7 @@ def course(law: Law, targets: Array, seed: int) -> tuple[Array, Array]:
 
 
 def full() -> Law:
-    return Law(LawSettings("full", PERIOD_S, 4.0, 10.0, 95.0, PidGains(1.2, 0.3, 0.05, 0.2, 1.0)), PLATE, FILM)
+    return Law(LawSettings("full", PERIOD_S, 4.0, 10.0, 95.0, PidGains(1.2, 0.3, 1.0)), PLATE, FILM)
 
 
 def test_a_ramp_is_not_followed_a_band_behind() -> None:

@@ -20,7 +20,7 @@ from compensator.control.estimator import (
 )
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import NAMES, Inputs, LawName, LawState
-from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
+from compensator.control.pid import PidGains, pi_integrated, pi_output
 from compensator.control.reference_shaping import FilmNow, Reach, Reference, Turn, next_reference, next_temperature
 from compensator.hysteresis.film import Memory
 from compensator.hysteresis.functions import Array
@@ -33,7 +33,7 @@ AGE_S, ACTS_S = 0.04, 0.02
 
 
 def law_of(name: LawName) -> Law:
-    gains = PidGains(8.0, 3.0, 0.5, 0.2, 2.0) if name == "pid" else PidGains(1.2, 0.3, 0.05, 0.2, 1.0)
+    gains = PidGains(8.0, 3.0, 2.0) if name == "pid" else PidGains(1.2, 0.3, 1.0)
     return Law(LawSettings(name, 0.1, 4.0, 10.0, 95.0, gains), PLATE, None if name == "temperature" else FILM)
 
 
@@ -135,7 +135,7 @@ def plain_step(
     law: Law, state: LawState, known: PlainEstimate, reading: float, output: float, target_now: float, targets: Array
 ) -> tuple[float, float, LawState, float]:
     """One period from the public parts, as the law's docstring says: (current, setpoint, state, disturbance)."""
-    s, film, pid = law.settings, law.film, state.pid
+    s, film, integral = law.settings, law.film, state.integral
     known.tick += 1
     before, seebeck = state.temperature_degC, PLATE.seebeck_over_capacity_per_A_s
     plate = replace(PLATE, seebeck_over_capacity_per_A_s=seebeck * (1.0 + known.drive))
@@ -157,11 +157,11 @@ def plain_step(
     if s.name == "pid":
         current = state.current_A
         if math.isfinite(output):
-            wanted, pid = pid_output(s.gains, pid, target_now, output, s.period_s)
+            wanted = pi_output(s.gains, integral, target_now, output)
             low, high = plate.current_range_A(here, s.current_limit_A)
             current = min(max(wanted, low), high)
-            pid = pid_integrate(s.gains, pid, target_now, output, current - wanted, s.period_s)
-        return current, math.nan, after(here, before, memory, pid, current), 0.0
+            integral = pi_integrated(s.gains, integral, target_now, output, current - wanted, s.period_s)
+        return current, math.nan, after(here, before, memory, integral, current), 0.0
     cooling, heating = (s.rate_share * rate for rate in plate.rate_range_K_per_s(here, s.current_limit_A))
     reach = Reach(s.preview_spacing_s, s.period_s, min(cooling, -1e-6), max(heating, 1e-6), 0.0)
     if film is None:
@@ -178,20 +178,19 @@ def plain_step(
     following = min(max(following, s.low_degC), s.high_degC)
     rate = (following - (before if s.name in ("full", "temperature") else here)) / s.period_s
     if s.name in ("full", "temperature"):
-        correction, pid = pid_output(s.gains, pid, before, here, s.period_s)
-        rate += correction
+        rate += pi_output(s.gains, integral, before, here)
     current = plate.current_for_rate_A(here, rate, s.current_limit_A)
     if s.name in ("full", "temperature"):
         shortfall = plate.rate_K_per_s(here, current) - rate
         shortfall = 0.0 if abs(shortfall) < 1e-12 else shortfall
-        pid = pid_integrate(s.gains, pid, before, here, shortfall, s.period_s)
-    return current, following, after(here, following, memory, pid, current), disturbance
+        integral = pi_integrated(s.gains, integral, before, here, shortfall, s.period_s)
+    return current, following, after(here, following, memory, integral, current), disturbance
 
 
-def after(here: float, reference: float, memory: Memory, pid: PidState, current: float) -> LawState:
+def after(here: float, reference: float, memory: Memory, integral: float, current: float) -> LawState:
     """A state with what the plain step knows."""
     led = Reference(reference, reference)
-    return LawState(here, here, led, led, memory.input_degC, memory.plays, pid, current)
+    return LawState(here, here, led, led, memory.input_degC, memory.plays, integral, current)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -212,7 +211,7 @@ def test_the_compiled_step_is_the_law_s_parts(name: LawName) -> None:
         command, state = law.step(state, Inputs(*asked, AGE_S, ACTS_S))
         assert command.current_A == pytest.approx(expected_current, abs=1e-12)
         assert command.setpoint_degC == pytest.approx(setpoint, abs=1e-12, nan_ok=True)
-        for mine, other in ((state.disturbance, disturbance), (state.pid.integral, expected.pid.integral)):
+        for mine, other in ((state.disturbance, disturbance), (state.integral, expected.integral)):
             assert mine == pytest.approx(other, abs=1e-12)
         assert state.temperature_degC == pytest.approx(expected.temperature_degC, abs=1e-12)
         assert state.memory.plays == pytest.approx(expected.memory.plays, abs=1e-12)  # matrices: by the machine's BLAS
@@ -257,7 +256,7 @@ def test_an_output_that_cannot_be_reached_is_told() -> None:
     law = law_of("full")
     command, _ = law.step(law.start(50.0, None), Inputs(50.0, math.nan, -20.0, np.full(8, -20.0)))
     assert not command.reachable
-    assert law.start(50.0, None).pid == PidState()
+    assert law.start(50.0, None).integral == 0.0
 
 
 def test_a_law_of_the_resistance_needs_a_film() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.control.repetition import model_error
+from compensator.control.estimator import model_error
 
 ROWS, NOISE = 6000, 0.002
 

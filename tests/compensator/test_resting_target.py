@@ -18,7 +18,7 @@ from tests.compensator.film_models import THIRTY_OPERATORS as FILM
 
 PERIOD_S, NOISE = 0.1, 0.002
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
-SETTINGS = LawSettings("full", PERIOD_S, 4.0, 10.0, 95.0, PidGains(1.2, 0.3, 0.05, 0.2, 1.0))
+SETTINGS = LawSettings("full", PERIOD_S, 4.0, 10.0, 95.0, PidGains(1.2, 0.3, 1.0))
 
 
 def film_at(degC: float) -> FilmNow:

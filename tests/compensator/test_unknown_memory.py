@@ -7,10 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
+from compensator.control.estimator import possible_memories
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
-from compensator.control.unknown_memory import possible_memories
 from compensator.hysteresis.film import Memory
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
@@ -46,7 +46,7 @@ def test_no_memory_explains_a_reading_far_off_the_loop() -> None:
 
 
 def full() -> Law:
-    return Law(LawSettings("full", PERIOD_S, 4.0, LOW_DEGC, HIGH_DEGC, PidGains(1.2, 0.3, 0.05, 0.2, 1.0)), PLATE, FILM)
+    return Law(LawSettings("full", PERIOD_S, 4.0, LOW_DEGC, HIGH_DEGC, PidGains(1.2, 0.3, 1.0)), PLATE, FILM)
 
 
 def followed(memory: Memory, targets: Array, estimated: bool) -> tuple[Array, Memory, Memory]:

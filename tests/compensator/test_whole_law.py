@@ -9,21 +9,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compensator.control.design import OwnPid, design_own_pid, design_temperature
 from compensator.control.estimator import UNSTEADY_K_PER_S2, VARIANCE, constant_error
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs, LawState
-from compensator.control.linearization import Point, Timing, believed, operating_points, plate_plant, regulated_plant
 from compensator.control.margins import (
     NOISES_K,
     RATIOS,
+    Point,
+    Timing,
     bearable_ms,
+    believed,
     critical_gain,
     critical_ratio,
     loop_margins_at,
+    operating_points,
+    plate_plant,
+    regulated_plant,
     share_within,
     worst_ms,
 )
+from compensator.control.pid import OwnPid, design_own_pid, design_temperature
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
 from tests.compensator.film_models import THIRTY_OPERATORS as FILM

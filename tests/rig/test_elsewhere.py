@@ -46,8 +46,8 @@ print(json.dumps(answers))
 """
 COLD = """
 import sim.inference.film.fit, sim.diagnosis.diagnose, rig.experiment.sweep, rig.guard.process, rig.report.run
-import rig.command.calibrate, rig.command.identify, rig.command.diagnose, rig.command.sweep, rig.command.watch
-import rig.command.tune, rig.experiment.tuning, rig.report.tuning
+import rig.command.experiments, rig.command.records, rig.command.many, rig.command.bench
+import rig.experiment.tuning, rig.report.tuning
 """
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from rig.bench.assembly import emulated_instruments
-from rig.command.emulate import Output
+from rig.command.instruments import Output
 from rig.config.configuration import read_configuration
 from rig.core.clock import RealClock
 from rig.core.errors import PortHeld

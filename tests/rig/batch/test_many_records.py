@@ -164,6 +164,6 @@ def test_one_more_record_does_not_take_the_table_away(
         taken.append(len(records))
         return 0
 
-    monkeypatch.setattr("rig.command.diagnose.report_each", report_each)
+    monkeypatch.setattr("rig.command.records.report_each", report_each)
     assert peltier("diagnose", records[0], "--report", out)[0] == 0
     assert taken == [1]

@@ -8,17 +8,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from compensator.control.design import design_temperature
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import LawName
+from compensator.control.pid import design_temperature
 from compensator.control.reference_shaping import crossing_s, preview
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
 from rig.config.target import Target
 from rig.control.decision import ReadAt
+from rig.control.law_units import chain_observer
 from rig.control.policies import Follow
-from rig.experiment.extended_model import chain_observer
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compensator.control.design import design_temperature
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs
+from compensator.control.pid import design_temperature
 from compensator.control.reference_shaping import preview
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
-from rig.experiment.extended_model import chain_observer
+from rig.control.law_units import chain_observer
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
 from tests.compensator.film_models import TEN_OPERATORS as FILM

@@ -18,8 +18,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from rig.bench.assembly import emulated_instruments, open_bench
-from rig.bench.simulation import simulated_world
+from rig.bench.assembly import emulated_instruments, open_bench, simulated_world
 from rig.config.configuration import read_configuration
 from rig.core.errors import Disconnected
 from rig.core.outcome import NotConfirmedOff, Stopped

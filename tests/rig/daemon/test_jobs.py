@@ -20,7 +20,7 @@ from rig.daemon.configurations import admit, by_text
 from rig.daemon.http_server import Refusal, Requests
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
-from rig.experiment.phases import still_to_come
+from rig.experiment.feasibility import still_to_come
 from rig.history import reading
 from rig.ports.protocol_sim import unregister
 from rig.records.run_folder import part_of

@@ -47,7 +47,7 @@ def test_whatever_stands_in_its_way_the_output_is_not_confirmed_off(
         raise error
 
     monkeypatch.setenv("PELTIER_SOCKET", str(tmp_path / "bench.sock"))
-    monkeypatch.setattr("rig.command.off._controller", fails)
+    monkeypatch.setattr("rig.command.bench._controller", fails)
     status, out, err = peltier("off", "rig.toml")
     assert (status, out, err.count("\n")) == (11, "", 1)
     assert f"OUTPUT NOT CONFIRMED OFF: {'the installation is not whole ' * isinstance(error, ImportError)}" in err

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from compensator.control.design import OwnPid
+from compensator.control.pid import OwnPid
 from rig.core.clock import VirtualClock
 from rig.drivers.own_gains import configured_pid, own_fields, set_pid
 from rig.drivers.registry import open_controller

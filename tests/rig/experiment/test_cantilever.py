@@ -13,9 +13,8 @@ import pytest
 from rig.config.configuration import read_configuration
 from rig.config.model_file import read_model
 from rig.config.target import Target
-from rig.control.law_units import in_law_units, law_units
+from rig.control.law_units import in_law_units, law_units, own_target
 from rig.control.policies import Follow
-from rig.experiment.extended_model import own_target
 from rig.experiment.feasibility import check_target
 from rig.experiment.tracking import branches_of, law_and_design
 from rig.records.record_file import read_record

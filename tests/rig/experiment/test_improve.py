@@ -289,7 +289,7 @@ def test_what_a_daemon_ended_with_is_the_status(
         asked.append((verb, read_toml(config)["experiment"]["model"], out, bench))
         return 10
 
-    monkeypatch.setattr("rig.command.improve.handed_over", handed_over)
+    monkeypatch.setattr("rig.command.experiments.handed_over", handed_over)
     words = ("--config", known / "config.toml", "--out", tmp_path / "out", "--yes", "--bench", "lab")
     assert peltier("improve", known / "first", *words)[0] == 10
     model = tmp_path / "out" / "diagnosis" / "model.toml"

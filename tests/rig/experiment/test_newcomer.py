@@ -12,7 +12,7 @@ from typing import Any, cast
 import pytest
 
 from rig.bench.assembly import emulated_instruments
-from rig.command.progress import Progress
+from rig.command.terminal import Progress
 from rig.config.configuration import read_configuration
 from rig.config.model_file import read_model
 from rig.config.target import parse_profile
@@ -20,7 +20,7 @@ from rig.control.decision import Decision, Tick
 from rig.core.reading import Reading
 from rig.core.streams import NEW_LINE_S, PatientLine, TerminalLine
 from rig.daemon.status_text import clock
-from rig.experiment.phases import expected_calibration, expected_run
+from rig.experiment.feasibility import expected_calibration, expected_run
 from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.rig.small import write_bench
 

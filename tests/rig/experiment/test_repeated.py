@@ -85,7 +85,7 @@ def test_what_cannot_be_repeated_is_refused_before_anything_runs(
 def test_a_law_that_knows_what_its_model_lacks_goes_as_if_the_film_were_its_model() -> None:
     """The same currents as for a film that is the model, with what it lacks taken off the target."""
     law = Law(
-        LawSettings("full", 0.1, 4.0, 10.0, 95.0, PidGains(1.2, 0.3, 0.05, 0.2, 1.0)),
+        LawSettings("full", 0.1, 4.0, 10.0, 95.0, PidGains(1.2, 0.3, 1.0)),
         PlateModel(1.67e-3, 0.067, 0.0167, 25.0),
         FILM,
     )

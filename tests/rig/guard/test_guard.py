@@ -314,7 +314,7 @@ def test_a_silence_for_the_dead_man_and_an_idle_process_are_no_hanging_loop() ->
 
 def test_the_guard_is_small() -> None:
     """It imports no arrays and no schema: what the child imports stays in the child."""
-    code = "import sys, rig.guard, rig.guard.takeover, rig.command.run, rig.command.calibrate;"
+    code = "import sys, rig.guard, rig.guard.takeover, rig.command.experiments;"
     code += "rig.guard.takeover.prepare(rig.guard.takeover.Held('controller', 'meerstetter', 'x'));"
     code += "sys.exit(', '.join({'numpy', 'numba', 'scipy', 'pydantic'} & set(sys.modules)) or 0)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -1,9 +1,4 @@
-"""peltier precompile: compile the numerical code now, which is else compiled at its first use.
-
-This is the code of control law and simulated plate, and of identify, predict, invert and diagnose, which are run on a
-simulated record for that. It is kept on disk, so that the first command after a set-up or an update begins at once.
-`./peltier` does this in the background after a set-up.
-"""
+"""Verbs of a set-up: init, precompile."""
 
 from __future__ import annotations
 
@@ -11,8 +6,41 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.core.faults import Faults, fault
+from rig.core.file_writing import write_text
+
 if TYPE_CHECKING:
     from rig.records.record import Record
+
+
+TEMPLATES = Path(__file__).resolve().parents[1] / "templates"
+# The README's demo is a template, too. It stands in configs/ of a checkout; the wheel has it among the templates.
+DEMO = TEMPLATES.parents[1] / "configs" / "demo.toml"
+
+
+def init_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("dir", type=Path, nargs="?", default=Path(), metavar="DIR")
+
+
+def init(options: argparse.Namespace) -> int:
+    """peltier init [DIR]: commented configurations to start from; existing files are left alone."""
+    folder: Path = options.dir
+    templates = sorted([*TEMPLATES.glob("*.toml"), *([DEMO] if DEMO.exists() else [])], key=lambda path: path.name)
+    files = [folder / path.name for path in templates]
+    there = [f"{file}: exists; expected a new file" for file in files if file.exists()]
+    if there:
+        raise Faults(there)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise fault(folder, "", "is a file; expected a folder") from None
+    except OSError as error:
+        raise fault(folder, "", f"no folder can be made here: {error.strerror}") from None
+    for file, template in zip(files, templates, strict=True):
+        write_text(file, template.read_text(encoding="utf-8"))
+        print(file)
+    return 0
+
 
 HERE = Path("precompile")  # path of the configuration in messages
 PROFILE = ["start 1.1 A", "sine 1.2 A period 160 s for 160 s"]  # once through the transition of the template's film
@@ -23,11 +51,17 @@ EFFECTS: list[dict[str, Any]] = [  # one on each side of the film: their fits re
 BUDGET_S = 20.0  # of the diagnosis: by then it has called each loop
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
-    """Add no arguments."""
+def precompile_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add no argument."""
 
 
-def main(options: argparse.Namespace) -> int:
+def precompile(options: argparse.Namespace) -> int:
+    """peltier precompile: compile the numerical code now, which is else compiled at its first use.
+
+    This is the code of control law and simulated plate, and of identify, predict, invert and diagnose, which are run on
+    a simulated record for that. It is kept on disk, so that the first command after a set-up or an update begins at
+    once. `./peltier` does this in the background after a set-up.
+    """
     import time
 
     from compensator.precompile import precompile

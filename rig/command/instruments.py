@@ -1,12 +1,4 @@
-"""peltier check CONFIG: compare the instruments with the configuration, and measure the time that STOP takes.
-
-The output is commanded off first and last; no current flows. Limits and dead man are set and read back. The time of
-STOP is the median of several off commands, each confirmed by the controller. Exit status 1 if something is not as
-configured, or if another program has a port open, too.
-
-An error that the controller reports is printed with its meaning and what clears it. On a terminal the program asks
-whether to clear it; --clear clears it without asking.
-"""
+"""Verbs of the instruments: ports, check, emulate."""
 
 from __future__ import annotations
 
@@ -14,6 +6,7 @@ import argparse
 import math
 import statistics
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,22 +14,104 @@ from typing import TYPE_CHECKING, Any
 
 from rig.command.record_arguments import add_json_argument
 from rig.command.terminal import Terminal
+from rig.core.faults import fault
+from rig.core.requirements import require
 
 if TYPE_CHECKING:
     from rig.bench.assembly import Bench
     from rig.config.configuration import ConfigurationFile
     from rig.drivers.registry import Tried
 
+
+def ports_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("ports", nargs="*", metavar="PORT", help="these only, such as /dev/ttyUSB0 or socket://host:1")
+    parser.add_argument("--ask", action="store_true", help="ask who answers")
+    add_json_argument(parser)
+
+
+def ports(options: argparse.Namespace) -> int:
+    """peltier ports: the serial ports that are there, what is attached, and whether another process holds them.
+
+    peltier ports                          what the computer knows of each port, and who holds it; nothing is sent
+    peltier ports --ask [PORT ...]         and which of the instruments answers there: a harmless question in each
+                                           protocol, at each one's factory line settings, until one is answered; at a
+                                           silent port that takes half a minute, and each question is shown
+    """
+    from serial.tools.list_ports import comports
+
+    from rig.ports.open import holder
+
+    terminal = Terminal(options.json)
+    known = {port.device: port for port in sorted(comports())}
+    found = []
+    for name in options.ports or known:
+        port = known.get(name)
+        process, command = holder(name)
+        held = f"held by process {process} {command}".strip() if process is not None else "free"
+        entry: dict[str, Any] = {
+            "port": name,
+            "description": port.description if port is not None else None,
+            "serial_number": port.serial_number if port is not None else None,
+            "held_by": process,
+        }
+        text = f"{port.description}  {port.serial_number or ''}" if port is not None else "not listed"
+        terminal.print(f"{name:<20} {text}  {held}")
+        if options.ask and process is None:
+            entry |= _asked(name, terminal)
+        found.append(entry)
+    if not found:
+        terminal.print("no serial port is there (a pseudo-terminal or socket:// is not listed)")
+    terminal.write_json({"format": "peltier-ports/1", "ports": found})
+    return 0
+
+
+def _asked(port: str, terminal: Terminal) -> dict[str, Any]:
+    """Ask who answers at a port, by the driver that understands it."""
+    from rig.core.clock import RealClock
+    from rig.core.errors import RigError
+    from rig.core.streams import TerminalLine
+    from rig.drivers.registry import tries
+
+    line = TerminalLine(sys.stderr)
+    came: dict[str, list[str]] = {}
+    try:
+        for tried in tries(port, RealClock(), lambda text: line.show(f"{'':<20} {text}")):
+            line.clear()
+            if tried.identity is not None:
+                terminal.print(f'{"":<20} {tried.identity}: driver = "{tried.driver}"')
+                return {"driver": tried.driver, "instrument": str(tried.identity)}
+            if tried.came is not None:
+                came.setdefault(tried.came, []).append(tried.driver)
+    except RigError as error:
+        line.clear()
+        terminal.print(f"{'':<20} {error}")
+        return {"driver": None, "error": str(error)}
+    for text, drivers in came.items():
+        terminal.print(f"{'':<20} {text}, asked as {', '.join(dict.fromkeys(drivers))}")
+    said = "somebody answers, and is not understood" if came else "nobody answers"
+    terminal.print(f"{'':<20} {said} (other line settings? see docs/instruments.md)")
+    return {"driver": None, **({"came": list(came)} if came else {})}
+
+
 STOPS = 11  # times that switching off is measured
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def check_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path)
     parser.add_argument("--clear", action="store_true", help="clear an error that the controller reports")
     add_json_argument(parser)
 
 
-def main(options: argparse.Namespace) -> int:
+def check(options: argparse.Namespace) -> int:
+    """peltier check CONFIG: compare the instruments with the configuration, and measure the time that STOP takes.
+
+    The output is commanded off first and last; no current flows. Limits and dead man are set and read back. The time of
+    STOP is the median of several off commands, each confirmed by the controller. Exit status 1 if something is not as
+    configured, or if another program has a port open, too.
+
+    An error that the controller reports is printed with its meaning and what clears it. On a terminal the program asks
+    whether to clear it; --clear clears it without asking.
+    """
     from rig.config.configuration import read_configuration
 
     terminal = Terminal(options.json)
@@ -271,3 +346,77 @@ def _stop(bench: Bench, terminal: Terminal) -> dict[str, Any]:
         f"until the controller confirmed that its output is off{where}"
     )
     return {"stop_s": middle, "stop_longest_s": longest, "output_off_confirmed": confirmed}
+
+
+LOOK_S = 0.2  # between looks at the output: a line on stderr need not come sooner
+SILENT_S = 5.0  # with the output on, after which a program has ended or hangs: those that steer speak once a second
+FASTEST = 1e4  # times real time: beyond it, no computer keeps up with the simulated plant
+
+
+def emulate_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", type=Path)
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="times real time (1)")
+
+
+def emulate(options: argparse.Namespace) -> int:
+    """peltier emulate CONFIG [--speed X]: the simulated instruments on pseudo-terminals, until stopped.
+
+    Prints a line an instrument, `controller meerstetter /dev/pts/3`, and nothing else on stdout; then serves in real
+    time (times X). The instruments share one plant. On stderr it says what a heater would not: that a program has left
+    the output on, or that the controller has switched it off by itself; and at the end whether it is off.
+    """
+    from rig.config.configuration import read_configuration
+
+    require("emulate")
+    if not 1e-6 <= options.speed <= FASTEST:
+        raise fault("--speed", repr(options.speed), f"expected a number from 1e-6 to {FASTEST:g}")
+    file = read_configuration(options.config, for_experiment=False)
+    from rig.bench.assembly import emulated_instruments, simulated_world
+    from rig.ports.pseudo_terminal import PseudoTerminals
+    from rig.safety.signals import SignalStop
+    from sim.world.plant import SimulatedPlant
+
+    first = SimulatedPlant(simulated_world(file), 0.0)  # its loops are compiled before anybody can ask: whoever asked
+    first.advance_to(1.0)  # meanwhile would have no answer in time
+    if file.content.bench.meter is not None:
+        first.read_resistance_ohm(1e-4)
+    plant = SimulatedPlant(simulated_world(file), 0.0)
+    instruments = emulated_instruments(file, 0.0, plant)
+    with SignalStop(), PseudoTerminals({role: i for role, _, i in instruments}, speed=options.speed) as terminals:
+        for role, name, _ in instruments:
+            print(f"{role} {name} {terminals.paths[role]}", flush=True)
+        output = Output()
+        try:
+            while terminals.failure is None:
+                time.sleep(LOOK_S)
+                for line in output.seen(plant.current_A, terminals.heard_s.get("controller", 0.0), time.monotonic()):
+                    print(line, file=sys.stderr, flush=True)
+            raise terminals.failure
+        finally:
+            print(f"controller: at the end {in_words(plant.current_A)}", file=sys.stderr, flush=True)
+
+
+def in_words(current_A: float) -> str:
+    """Return in words if the output is on; a simulated current is what flows, to the last bit."""
+    return f"its output is on, {current_A:.3g} A" if current_A != 0.0 else "its output is off"
+
+
+class Output:
+    """Lines on the output as it is seen, LOOK_S after LOOK_S."""
+
+    def __init__(self) -> None:
+        self._current_A, self._looked_s, self._said = 0.0, 0.0, False
+
+    def seen(self, current_A: float, heard_s: float, now_s: float) -> list[str]:
+        """Return lines, mostly none. heard_s: when the controller was written to last, on the scale of now_s (s)."""
+        before_A, looked_s = self._current_A, self._looked_s
+        self._current_A, self._looked_s = current_A, now_s
+        silent_s = now_s - heard_s
+        if before_A != 0.0 and current_A == 0.0 and heard_s < looked_s - LOOK_S:
+            self._said = False
+            return [f"controller: it has switched its output off by itself, after {silent_s:.1f} s without a command"]
+        if silent_s < SILENT_S or current_A == 0.0:
+            self._said = False
+            return []
+        said, self._said = self._said, True
+        return [] if said else [f"controller: {in_words(current_A)}, and nobody has spoken to it for {silent_s:.0f} s"]

@@ -1,0 +1,413 @@
+"""Verbs of records and models: identify, predict, invert, diagnose."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.batch.journal import is_of_many
+from rig.command.many import add_engine_arguments, report_each
+from rig.command.record_arguments import (
+    add_effect_file_argument,
+    add_json_argument,
+    add_output_argument,
+    add_record_arguments,
+    parsed_limits,
+    read_each,
+    read_records,
+    writable_file,
+    writable_folder,
+)
+from rig.command.terminal import Terminal
+from rig.core.faults import Faults, fault
+from rig.records.record_file import Record, print_columns, write_columns
+
+if TYPE_CHECKING:
+    from rig.config.model_file import Model
+    from rig.report.diagnosed_record import Options
+
+
+def identify_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
+    add_record_arguments(parser)
+    parser.add_argument("--out", type=Path, metavar="MODEL.toml")
+    parser.add_argument(
+        "--report", type=Path, metavar="DIR", help="report.html, figures, identification.json and model.toml there"
+    )
+    parser.add_argument("--each", action="store_true", help="fit a model to each record instead of one to all")
+    add_engine_arguments(parser)
+    add_json_argument(parser)
+    parser.add_argument(
+        "--kind",
+        choices=["extended_generalized_pi", "generalized_pi", "mixed_envelopes"],
+        help="kind of the film model; default: chosen by held-out rows",
+    )
+    parser.add_argument("--form", help="form of the memoryless function D(T); default: chosen by held-out rows")
+    parser.add_argument("--operators", type=int, default=30, help="play operators (30)")
+    parser.add_argument("--initial", choices=["cooled", "heated", "fitted"], default="fitted")
+    parser.add_argument(
+        "--violate-order",
+        action="store_true",
+        help="allow radii that break the order condition (the output then jumps)",
+    )
+    parser.add_argument(
+        "--compress", type=int, metavar="N", help="keep at most N operators in the model, and print the loss"
+    )
+    add_output_argument(parser)
+    parser.add_argument("--plate", choices=["peltier", "heater"], default="peltier", help="kind of the plate model")
+    parser.add_argument("--seed", type=int, default=0)
+
+
+def identify(options: argparse.Namespace) -> int:
+    """peltier identify RECORD... [--out MODEL.toml]: film and plate models from records, with error bars.
+
+    The film is fitted to records with temperature and resistance, the plate to records with temperature and current.
+    With --each every record gets its own model; --report DIR then has a folder for each, and a table of all.
+    """
+    if options.out is not None:
+        if options.each:
+            raise fault("--out", str(options.out), "expected --report DIR with --each: it has a model of each record")
+        writable_file(options.out)
+    if options.report is not None:
+        writable_folder(options.report)
+        if is_of_many(options.report) and not options.each:
+            expected = "has the table of many records; expected --each, or another DIR"
+            raise fault("--report", str(options.report), expected)
+    terminal = Terminal(options.json)
+    each = read_each(options.records, options) if options.each else []
+    records = [] if options.each else read_records(options.records, options)
+    from rig.analysis.identification import FitOptions  # a second or two: after what may be refused has been read
+    from rig.report.model_pages import report_identification
+
+    fit = FitOptions(**{field.name: getattr(options, field.name) for field in fields(FitOptions)})
+    if options.each:
+        from rig.report.model_pages import identifications
+
+        return report_each(each, identifications(fit), options, terminal)
+    folder = options.report
+    if folder is not None:
+        folder.mkdir(exist_ok=True)
+    models = [path for path in (options.out, folder / "model.toml" if folder is not None else None) if path is not None]
+    result = report_identification(records, fit, models, folder, terminal.print)
+    if models:
+        terminal.print(f"model: {models[0]}")
+    if folder is not None:
+        terminal.print(f"report: {folder / 'report.html'}")
+    terminal.write_json(result)
+    return 0
+
+
+def predict_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL.toml")
+    parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
+    add_record_arguments(parser)
+    parser.add_argument(
+        "--initial",
+        choices=["cooled", "heated", "fitted"],
+        help="the film's memory at the first row; default: the model's. fitted: fit it, room and first temperatures",
+    )
+    parser.add_argument(
+        "--first",
+        type=float,
+        metavar="SECONDS",
+        help="duration of the rows that --initial fitted uses (default 30 s or 20 rows, the longer)",
+    )
+    parser.add_argument(
+        "--drive",
+        choices=["current", "temperature"],
+        help="what the film follows: the simulated plate or the thermometer; default: as the model says",
+    )
+    add_effect_file_argument(parser, " that the model has")
+    parser.add_argument("--out", type=Path, metavar="F", help="the record's columns with the predictions, CSV")
+    parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, figures and prediction.json there")
+    add_json_argument(parser)
+
+
+def predict(options: argparse.Namespace) -> int:
+    """peltier predict MODEL.toml RECORD... [--out F]: compare a model with other records, one by one.
+
+    The film is simulated from the measured temperature; with current_A and a [plate] the temperature is simulated from
+    the current over the whole record. With --drive current (default if the model says so or has [[effects]]) the film
+    follows the simulated plate. With --initial fitted room, first temperatures and film memory are fitted to the first
+    rows of the record, which then do not count.
+    """
+    from rig.config.model_file import read_model
+
+    if options.out is not None:
+        writable_file(options.out)
+    if options.report is not None:
+        writable_folder(options.report)
+    terminal = Terminal(options.json)
+    if options.effect_file:
+        from rig.config.effect_tables import add_effect_files
+
+        add_effect_files(options.effect_file)
+    model = read_model(options.model)
+    records = read_records(options.records, options)
+    several = len(records) > 1
+    if options.out is not None and several:
+        raise fault("--out", str(options.out), "expected a single RECORD; --report DIR writes a page for each")
+    from rig.analysis.prediction import require_something_to_predict  # seconds: after what may be refused
+
+    for record in records:
+        require_something_to_predict(model, record, options.model, options.drive)
+    results, complete = [], True
+    for record in records:
+        folder = options.report
+        if several:
+            terminal.print(f"{record.source}:")
+            folder = options.report / Path(record.source).stem if options.report is not None else None
+        result, errors = _predicted(model, record, folder, options, terminal)
+        results.append(result)
+        complete = complete and errors > 0
+    terminal.write_json(results if several else results[0])
+    return 0 if complete or options.out is not None else 2
+
+
+def _predicted(
+    model: Model, record: Record, folder: Path | None, options: argparse.Namespace, terminal: Terminal
+) -> tuple[dict[str, Any], int]:
+    """Predict one record, print and write what is asked for; return the JSON and how many channels were compared."""
+    from rig.analysis.prediction import compared
+
+    how = {"initial": options.initial, "drive": options.drive, "first_s": options.first}
+    found = compared(model, record, options.model, **how)
+    for warning in found.warnings:
+        print(warning, file=sys.stderr)
+    for line in found.lines(options.first):
+        terminal.print(line)
+    result = found.document(options.model)
+    if not found.errors:
+        needed = "expected readings of the film, or temperature with current and a model with a [plate]"
+        print(f"{record.source}: nothing to compare; {needed}", file=sys.stderr)
+    if options.out is not None:
+        write_columns(options.out, {**record.raw_columns(), **record.text_columns, **found.columns})
+        terminal.print(f"predictions: {options.out}")
+    if folder is not None:
+        from rig.report.model_pages import write_prediction_report
+
+        folder.mkdir(parents=True, exist_ok=True)
+        write_prediction_report(folder, result, record["time_s"], record["temperature_degC"], found.errors)
+        terminal.print(f"report: {folder / 'report.html'}")
+    return result, len(found.errors)
+
+
+def invert_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL.toml")
+    parser.add_argument("target", type=Path, metavar="TARGET.csv", help="columns time_s, target_ohm")
+    add_record_arguments(parser)
+    parser.add_argument("--out", type=Path, metavar="F", help="default: stdout")
+    parser.add_argument("--limits", default="-50,200", metavar="LOW,HIGH", help="degC (-50,200)")
+    parser.add_argument("--initial", choices=["cooled", "heated"], help="default: the model's own")
+    add_json_argument(parser)
+
+
+def invert(options: argparse.Namespace) -> int:
+    """peltier invert MODEL.toml TARGET.csv [--out F]: temperatures for a desired resistance (time_s, target_ohm).
+
+    For a model of another output, such as curvature_per_m, the target is in target_curvature_per_m, and the columns
+    written are curvature_per_m and nearest_curvature_per_m instead of those in ohm.
+
+    Of several temperatures the nearest to the row before is taken, in the first row the lowest. Where a target cannot
+    be reached within the limits, temperature and memory stay, `reachable` is 0, `nearest_ohm` is what could be, and
+    `nearest_degC` the temperature for that.
+    """
+    from rig.analysis.film_records import beyond_seen
+    from rig.analysis.inversion import inverted, order_warning, target_name
+    from rig.config.model_file import read_model
+
+    if options.out is not None:
+        writable_file(options.out)
+    limits_degC = parsed_limits(options.limits)
+    terminal = Terminal("-" if options.out is None else options.json)
+    model = read_model(options.model, needs=("film",))
+    film = model.film
+    assert film is not None
+    wanted = target_name(film.output)
+    (record,) = read_records([options.target], options, needs=(wanted,) if wanted == "target_ohm" else ())
+    if wanted not in record.columns:
+        raise fault(options.target, wanted, f"missing; there are {', '.join(record.columns)}")
+    found = inverted(film, record[wanted], options.target, limits_degC, options.initial, model.mixing)
+    warnings = order_warning(film, options.model, limits_degC), beyond_seen(model, found.asked_degC, options.model)
+    for warning in warnings:
+        if warning is not None:
+            print(warning, file=sys.stderr)
+    table: dict[str, Any] = {**record.columns, **record.text_columns, **found.columns()}
+    if options.out is not None:
+        write_columns(options.out, table)
+    else:
+        print_columns(sys.stdout, table)
+    reached, rows, counts = int(np.sum(found.reachable)), found.reachable.size, found.evaluations
+    terminal.print(f"{reached} of {rows} targets reachable, {np.mean(counts):.2f} evaluations a row")
+    if options.json is not None:
+        Terminal(options.json).write_json(
+            {
+                "format": "peltier-inversion/1",
+                "rows": rows,
+                "reachable": reached,
+                "evaluations_mean": float(np.mean(counts)),
+                "evaluations_max": int(np.max(counts)),
+            }
+        )
+    return 0
+
+
+def diagnose_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
+    text = "fit several records of one rig together: one plate, one film, the same effects; a room for each"
+    parser.add_argument("--joint", action="store_true", help=text)
+    add_record_arguments(parser)
+    add_output_argument(parser)
+    parser.add_argument(
+        "--model", type=Path, metavar="MODEL.toml", help="if its film has no D(T), the base model has none either"
+    )
+    parser.add_argument(
+        "--base",
+        choices=["extended_generalized_pi", "generalized_pi"],
+        help="the film's base model; generalized_pi: without D(T), unless the record needs one",
+    )
+    parser.add_argument("--plate", choices=["peltier", "heater"], help="kind of plate; default: what the drive allows")
+    text = "compute the errors on this other record of the rig (repeatable)"
+    parser.add_argument("--holdout", type=Path, metavar="RECORD", action="append", default=[], help=text)
+    parser.add_argument(
+        "--initial",
+        choices=["cooled", "heated", "fitted"],
+        default="fitted",
+        help="without effect: the film's memory at the first row is always fitted",
+    )
+    add_effect_file_argument(parser)
+    parser.add_argument(
+        "--assume",
+        action="append",
+        default=[],
+        metavar="NAME[:param=value]",
+        help="a known effect, with its known parameters (repeatable)",
+    )
+    text = "time for a record; the best result until then is reported"
+    parser.add_argument("--budget", type=float, metavar="SECONDS", help=text)
+    text = "share of records without any effect in which one may be named (default 0.01)"
+    parser.add_argument("--false-alarm", type=float, metavar="SHARE", help=text)
+    text = "fit room, first temperatures and memory of a held-out record to its first SECONDS (default 30)"
+    parser.add_argument("--first", type=float, metavar="SECONDS", help=text)
+    parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, diagnosis.json and model.toml there")
+    parser.add_argument("--out", type=Path, metavar="MODEL.toml", help="the extended model")
+    add_engine_arguments(parser)
+    add_json_argument(parser)
+
+
+def diagnose(options: argparse.Namespace) -> int:
+    """peltier diagnose RECORD...: find the effects that the simulation of the rig lacks, and their sizes.
+
+    The base model (plate and film) is fitted to the record, then effects of the catalogue with it. Those that the
+    record needs are named, with the errors in held-out rows with and without them. A residual that no effect explains
+    is called unexplained. Without resistance only driver, plate and thermometer are diagnosed; without current, film
+    and ohmmeter.
+
+    Several records are diagnosed one by one. --report DIR then has a folder for each, and tables of all: report.html,
+    diagnoses.csv and diagnoses.nc. After an interruption the same command continues with the missing records. With
+    --joint records of one rig are fitted together: only room, first temperatures and film memory are fitted for each
+    record.
+    """
+    of_many = is_of_many(options.report)
+    if of_many and options.joint:
+        raise fault("--report", str(options.report), "has the table of many records; expected another DIR for --joint")
+    several = not options.joint and (len(options.records) > 1 or of_many)  # one more of them, as well
+    if options.out is not None:
+        if several:
+            expected = "expected a single RECORD, none of many; --report DIR writes a model for each"
+            raise fault("--out", str(options.out), expected)
+        writable_file(options.out)
+    if options.report is not None:
+        writable_folder(options.report)
+    terminal = Terminal(options.json)
+    if options.effect_file:
+        from rig.config.effect_tables import add_effect_files
+
+        add_effect_files(options.effect_file)
+    if options.budget is not None and not options.budget > 0.0:
+        raise fault("--budget", f"{options.budget:g}", "expected a number of seconds > 0")
+    if options.first is not None and not options.holdout:
+        raise fault("--first", f"{options.first:g}", "expected --holdout RECORD with it: nothing else is predicted")
+    if options.false_alarm is not None:
+        from sim.inference.evidence import FALSE_ALARMS
+
+        if not FALSE_ALARMS[0] <= options.false_alarm <= FALSE_ALARMS[1]:
+            expected = f"expected a share from {FALSE_ALARMS[0]:g} to {FALSE_ALARMS[1]:g}"
+            raise fault("--false-alarm", f"{options.false_alarm:g}", expected)
+    if options.assume:
+        from rig.config.effect_tables import parse_assumed_effects
+
+        parse_assumed_effects(options.assume)
+    base = _base(options)
+    if options.initial != "fitted":
+        print("--initial: the film's memory is fitted with the record", file=sys.stderr)
+    each = read_each(options.records, options) if several else []
+    records = [] if several else read_records(options.records, options)
+    holdout = read_records(options.holdout, options) if options.holdout else []
+    from rig.analysis.diagnosed import Asked  # seconds: after what may be refused has been read
+    from rig.report.diagnosed_record import Options
+
+    own = tuple(path.absolute() for path in options.effect_file)
+    asked = Options(
+        Asked(base, options.output, options.plate, None, options.budget, options.false_alarm, options.first),
+        tuple(options.assume),
+        own,
+    )
+    if several:
+        from rig.report.diagnosed_record import diagnoses
+
+        return report_each(each, diagnoses(asked, holdout), options, terminal)
+    terminal.write_json(_single(records, asked, holdout, options, terminal))
+    return 0
+
+
+def _base(options: argparse.Namespace) -> str | None:
+    """The base of --base, or that of the model."""
+    if options.base is not None:
+        return str(options.base)
+    if options.model is None:
+        return None
+    from rig.config.model_file import read_model
+
+    film = read_model(options.model).film
+    if film is None or film.memoryless.function != "none":
+        return None
+    print(f"{options.model}: its film has no D(T): base generalized_pi", file=sys.stderr)
+    return "generalized_pi"
+
+
+def _single(
+    records: list[Record], asked: Options, holdout: list[Record], options: argparse.Namespace, terminal: Terminal
+) -> dict[str, Any]:
+    """One record, or several as one, with progress on stderr; its document. Raises Faults."""
+    from rig.report.batch import MODEL
+    from rig.report.diagnosed_record import told
+
+    record, *further = records
+
+    def say(text: str) -> None:
+        others = f" and {len(further)} more" if further else ""
+        print(f"{record.source}{others}: {text}", file=sys.stderr, flush=True)
+
+    folder = options.report
+    path = options.out if options.out is not None else folder / MODEL if folder is not None else None
+    model = None if path is None else str(path)
+    found = told(record, asked, model, *holdout, report=folder is not None, further=further, say=say)
+    if found.faults:
+        raise Faults(found.faults)
+    for line in found.lines:
+        terminal.print(line)
+    if folder is not None:
+        found.write_files(folder)
+    if options.out is not None:
+        options.out.write_bytes(found.files[MODEL])
+    if path is not None:
+        terminal.print(f"model: {path}")
+    if folder is not None:
+        terminal.print(f"report: {folder / 'report.html'}")
+    return found.document
