@@ -16,15 +16,23 @@ from typing import TYPE_CHECKING, Any
 from compensator import listeners
 
 if TYPE_CHECKING:
-    from rig.config.model_file import Model
-    from rig.core.faults import Faults
-    from rig.experiment.simulation import simulated_rig
-    from rig.notebook.analysis import diagnose, identify, invert, predict
-    from rig.notebook.bench import calibrate, open_bench, run, simulate
-    from rig.notebook.files import read_model, read_record, write_model
-    from rig.records.record import Record
-    from rig.version import __version__
-    from sim.effects.effect import Effect
+    from rig.config.model_file import Model as Model
+    from rig.core.faults import Faults as Faults
+    from rig.experiment.simulation import simulated_rig as simulated_rig
+    from rig.notebook.analysis import identify as identify
+    from rig.notebook.analysis import invert as invert
+    from rig.notebook.analysis import predict as predict
+    from rig.notebook.bench import calibrate as calibrate
+    from rig.notebook.bench import open_bench as open_bench
+    from rig.notebook.bench import run as run
+    from rig.notebook.bench import simulate as simulate
+    from rig.notebook.analysis import diagnose as diagnose
+    from rig.notebook.files import read_model as read_model
+    from rig.notebook.files import read_record as read_record
+    from rig.notebook.files import write_model as write_model
+    from rig.records.record import Record as Record
+    from rig.version import __version__ as __version__
+    from sim.effects.effect import Effect as Effect
 
 
 def _to_stderr(line: str) -> None:
@@ -51,25 +59,7 @@ _PLACES = {
     "simulated_rig": "experiment.simulation",
     "write_model": "notebook.files",
 }
-__all__ = [
-    "Effect",
-    "Faults",
-    "Model",
-    "Record",
-    "__version__",
-    "calibrate",
-    "diagnose",
-    "identify",
-    "invert",
-    "open_bench",
-    "predict",
-    "read_model",
-    "read_record",
-    "run",
-    "simulate",
-    "simulated_rig",
-    "write_model",
-]
+__all__ = tuple(_PLACES)
 
 
 def __getattr__(name: str) -> Any:

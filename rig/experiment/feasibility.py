@@ -32,18 +32,28 @@ from rig.experiment.calibration import PULSE_S, calibration_range, fitted_and_ch
 from rig.experiment.repetitions import check_repeatable
 from rig.records.film_output import FALLING_RESISTANCE, in_decades, other_sign
 
-QUANTITY = {
-    "track_resistance": "resistance",
-    "temperature_profile": "temperature",
-    "current_profile": "current",
-    "hold": "temperature",
+
+@dataclass(frozen=True)
+class Kind:
+    """Experiment kind. quantity: of its target ("" for that of the meter).
+
+    target: of a kind with keys of its own, how the target follows from them; None: it is experiment.target. policy: of
+    a kind that commands a current by a policy instead of a law, how the policy is made of target and configuration.
+    """
+
+    quantity: str
+    target: Callable[[ConfigurationFile], Target] | None = None
+    policy: Callable[[Target, Configuration], Policy] | None = None
+
+
+KINDS: Mapping[str, Kind] = {
+    "track_resistance": Kind("resistance"),
+    "track_output": Kind(""),
+    "temperature_profile": Kind("temperature"),
+    "current_profile": Kind("current", policy=lambda target, configuration: CurrentProfile(target)),
+    "hold": Kind("temperature"),
 }
 TRACKING = ("track_resistance", "track_output")
-
-# kinds that command a current by a policy of their own, without a law; the others follow a temperature
-OWN_POLICY: Mapping[str, Callable[[Target, Configuration], Policy]] = {
-    "current_profile": lambda target, configuration: CurrentProfile(target),
-}
 
 UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open; of two decades, whatever the output
 USUAL_K_PER_S = 1.0  # of a plate that nobody has measured yet
@@ -224,18 +234,22 @@ def check_cooling(plate: PlateModel, target: Target, configuration: Configuratio
 
 def quantity_of(configuration: Configuration) -> str:
     """Return the quantity of the target, as in `rig.config.target.Target`."""
-    e, meter = configuration.experiment, configuration.bench.meter
-    if e.kind != "track_output":
-        return QUANTITY[e.kind]
-    assert meter is not None
-    assert meter.output is not None
-    return meter.output
+    meter = configuration.bench.meter
+    return KINDS[configuration.experiment.kind].quantity or str(meter and meter.output)
+
+
+def follows_a_law(configuration: Configuration) -> bool:
+    """Return True if a law of this program commands the current, by the model of a plate."""
+    e = configuration.experiment
+    return e.law != "instrument_pid" and KINDS[e.kind].policy is None
 
 
 def target_of(file: ConfigurationFile) -> Target:
     """Return the target. Raises Faults."""
     e = file.content.experiment
-    quantity = quantity_of(file.content)
+    quantity, own = quantity_of(file.content), KINDS[e.kind].target
+    if own is not None:
+        return own(file)
     if e.target is None:
         raise fault(file.path, "experiment.target", f"missing; kind {e.kind!r} needs a CSV file or a profile in words")
     if isinstance(e.target, str):
@@ -249,7 +263,7 @@ def target_and_model(file: ConfigurationFile, say: Callable[[str], None]) -> tup
     target, model = _read_both(file)
     for line in target.notes:
         say(line)
-    if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
+    if e.kind not in TRACKING and model is None and follows_a_law(file.content):
         expected = "needs a model with [plate], or law = 'instrument_pid' (the controller's own PID)"
         raise fault(file.path, "experiment.model", f"missing; kind {e.kind!r} {expected}")
     check_repeatable(file, model)
@@ -283,7 +297,7 @@ def check_feasible(file: ConfigurationFile, target: Target, model: Model, say: C
     c, where, whose = file.content, f"{file.path}: experiment.target", file.content.experiment.model or str(file.path)
     hot, kind = calibration_range(c)[1], file.content.experiment.kind
     warnings = [check_cooling(model.plate, target, c, where) if model.plate is not None else None]
-    by_a_law = model.plate is not None and c.experiment.law != "instrument_pid" and kind != "current_profile"
+    by_a_law = model.plate is not None and follows_a_law(c)
     if kind in TRACKING:
         assert model.film is not None
         _check_output(model, whose, quantity_of(c))
@@ -365,9 +379,8 @@ def expected_run(configuration: Configuration, target: Target, model: Model | No
     """Return the phases of a run: a calibration if there is no model, then each law."""
     e = configuration.experiment
     plate = model.plate if model is not None else None
-    if e.kind not in ("track_resistance", "track_output"):
-        by_a_law = e.law != "instrument_pid" and e.kind not in OWN_POLICY
-        approach = [("approach", e.settle_s)] if by_a_law else []
+    if e.kind not in TRACKING:
+        approach = [("approach", e.settle_s)] if follows_a_law(configuration) else []
         return [("polarity", POLARITY_S), *approach, ("profile", target.duration_s)]
     low, high = calibration_range(configuration)
     rate = _rate(plate, configuration, high)

@@ -22,7 +22,7 @@ from rig.config.model_file import Drive, read_model
 from rig.config.target import Target, read_target
 from rig.control.law_units import COMPENSATED
 from rig.core.faults import Faults
-from rig.experiment.feasibility import TRACKING, quantity_of, target_of
+from rig.experiment.feasibility import KINDS, TRACKING, quantity_of, target_of
 from rig.records.film_output import FALLING_RESISTANCE
 from rig.records.record_file import Record
 from rig.records.run_folder import LAW, RunRows, ended_early, recorded_run
@@ -252,8 +252,8 @@ def improvable(run_folder: Path, config: Path) -> Improvable:
 def _unusable(file: ConfigurationFile) -> Iterator[str]:
     """Yield a line if a second run could gain nothing."""
     e = file.content.experiment
-    if e.kind == "current_profile":
-        text = "'current_profile' follows no target; expected track_resistance, temperature_profile or hold"
+    if KINDS[e.kind].policy is not None:
+        text = f"{e.kind!r} follows no target by a law; expected track_resistance, temperature_profile or hold"
         yield f"{file.path}: experiment.kind: {text}"
     elif e.law == "instrument_pid" or (e.kind in TRACKING and e.law not in COMPENSATED):
         yield f"{file.path}: experiment.law: {e.law!r} makes no use of a model's effects; expected full or feedforward"

@@ -36,7 +36,7 @@ from rig.core.faults import fault
 from rig.drivers.controller import cools, drive_unit
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, column_of
 from rig.experiment.calibration import Calibration, identify_calibration, record_calibration
-from rig.experiment.feasibility import OWN_POLICY, TRACKING, check_feasible, expected_run, target_and_model
+from rig.experiment.feasibility import KINDS, TRACKING, check_feasible, expected_run, target_and_model
 from rig.experiment.polarity import check_polarity
 from rig.experiment.repetitions import LEARNED, USED, Learning, read_correction, write_correction
 from rig.experiment.run_record import Report, Session, no_report, one_run, worked_out
@@ -327,10 +327,11 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     film = result.model.film if result.model is not None else None
     known = known_plate(plate, result.model.switched()) if result.model is not None and plate is not None else None
     policy: Policy
-    if e.law != "instrument_pid" or e.kind in OWN_POLICY:
+    own = KINDS[e.kind].policy
+    if e.law != "instrument_pid" or own is not None:
         _needs_current(session, result.model)
-    if e.kind in OWN_POLICY:
-        policy = OWN_POLICY[e.kind](target, file.content)
+    if own is not None:
+        policy = own(target, file.content)
     elif e.law == "instrument_pid":
         policy = Setpoints(target)
     else:

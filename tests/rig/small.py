@@ -53,11 +53,14 @@ meter_current_A = 1e-3
 
 EXPERIMENT = """
 [experiment]
-kind = "track_resistance"
+kind = "{kind}"
 model = "model.toml"
 target = {target}
 period_s = 0.1
 settle_s = 3.0
+"""
+
+SIMULATION = """
 [simulation]
 first_degC = 60.0
 [simulation.film]
@@ -74,12 +77,17 @@ def write_bench(
     controller: str = "sim://",
     meter: str = "sim://",
     limits: str = "[10, 95]",
+    kind: str = "track_resistance",
+    experiment: str = "",
     more: str = "",
 ) -> Path:
-    """model.toml and config.toml in a folder; returns the configuration's path."""
+    """model.toml and config.toml in a folder; returns the configuration's path. kind: of the
+    experiment; experiment: its whole table, in the place of one that follows the target."""
     (folder / "model.toml").write_text(MODEL)
     bench = BENCH.format(time=time, controller=controller, meter=meter, limits=limits)
-    (folder / "config.toml").write_text(bench + EXPERIMENT.format(target=target) + more)
+    (folder / "config.toml").write_text(
+        bench + (experiment or EXPERIMENT.format(kind=kind, target=target)) + SIMULATION + more
+    )
     return folder / "config.toml"
 
 

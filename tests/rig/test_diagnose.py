@@ -75,28 +75,6 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any]) -> None:
     assert said["candidates"] == []  # what is named tells the held-out rows best
 
 
-@pytest.mark.long
-def test_what_tells_held_out_rows_better_and_is_not_named_is_shown(
-    measured: Path, tmp_path: Path, peltier: Peltier
-) -> None:
-    """A lamp heats in its own way: a second thermal mass does some of it, and is not the cause."""
-    words = ["--column", "temperature_degC=y_C", "--column", "current_A=u_V@duty", "--plate", "heater"]
-    status, out, _ = peltier(
-        "diagnose", measured / "lamp_heating.csv", *words, "--json", tmp_path / "d.json", "--report", tmp_path / "r"
-    )
-    assert status == 0
-    said = json.loads((tmp_path / "d.json").read_text())
-    assert said["effects"] == []
-    best = said["candidates"][0]
-    assert set(best) == {"names", "parameters", "rmse_holdout", "why_not_named"}
-    assert "heat_sink_warmup" in best["names"]
-    assert best["rmse_holdout"]["temperature_K"] < 0.7 * said["channels"]["temperature_K"]["rmse_extended"]
-    assert "candidate: " in out
-    tried = read_model(tmp_path / "r" / "candidate.toml")
-    assert {str(effect["name"]) for effect in tried.effects} == set(best["names"])
-    assert "Candidates that are not named" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
-
-
 def test_the_extended_model_predicts_as_well_as_the_diagnosis_says(
     diagnosed: tuple[Path, Any], peltier: Peltier
 ) -> None:
@@ -223,19 +201,6 @@ def test_a_model_file_says_which_sizes_are_not_fixed() -> None:
     ]
 
 
-@pytest.mark.long
-def test_the_saturated_heat_sink_is_a_warning(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
-    columns = ("--column", "time_s=t_s", "--column", "temperature_degC=T_C", "--column", "current_A=duty@duty")
-    written = ("--json", tmp_path / "out.json", "--report", tmp_path)
-    status, _, _ = peltier("diagnose", measured / "peltier_runaway.csv", *columns, *written)
-    assert status == 0
-    assert "drive / of full drive" in (tmp_path / "report.html").read_text(encoding="utf-8")
-    said = json.loads((tmp_path / "out.json").read_text())
-    warning = next(w for w in said["warnings"] if w["code"] == "heat_sink_saturated")
-    assert 340.0 < warning["from_s"] < warning["to_s"] < 520.0
-    assert said["channels"]["resistance_dec"] is None
-
-
 def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
     columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "resistance_ohm=R_ohm"]
     words = (*columns, "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml", "--report", tmp_path / "r")
@@ -261,28 +226,3 @@ def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, p
     )
     assert status == 0
     assert json.loads((tmp_path / "p.json").read_text())["rmse_dec"] < 0.06
-
-
-def test_a_base_without_d_has_none_where_the_record_needs_none(
-    measured: Path, tmp_path: Path, peltier: Peltier
-) -> None:
-    columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "resistance_ohm=R_ohm"]
-    words = (*columns, "--base", "generalized_pi", "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml")
-    assert peltier("diagnose", measured / "vo2_film_major_loop.tsv", *words)[0] == 0
-    film = read_model(tmp_path / "model.toml").film
-    assert film is not None
-    assert film.memoryless.function == "none"
-    said = json.loads((tmp_path / "out.json").read_text())
-    assert (said["film"]["memoryless"], said["effects"]) == ("none", [])
-
-
-@pytest.mark.long
-def test_the_heater_needs_a_lag(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
-    columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "current_A=pwm@pwm255"]
-    words = (*columns, "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml")
-    assert peltier("diagnose", measured / "heater_step.csv", *words)[0] == 0
-    said = json.loads((tmp_path / "out.json").read_text())
-    assert "sensor_lag" in [effect["name"] for effect in said["effects"]]
-    model = read_model(tmp_path / "model.toml")
-    assert model.plate is not None
-    assert model.plate.kind == "heater"

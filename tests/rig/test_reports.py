@@ -54,8 +54,7 @@ def test_the_error_is_told_once_and_over_the_whole_target(tracked: tuple[Path, s
 
 def test_every_report_draws_the_error(tracked: tuple[Path, str], peltier: Peltier, tmp_path: Path) -> None:
     folder, _ = tracked
-    hold = write_bench(tmp_path, target='["start 45 degC", "hold 5 s"]')
-    hold.write_text(hold.read_text().replace('kind = "track_resistance"', 'kind = "hold"'))
+    hold = write_bench(tmp_path, target='["start 45 degC", "hold 5 s"]', kind="hold")
     assert peltier("run", hold, "--out", tmp_path / "hold")[0] == 0
     for one in (folder, folder / "feedforward", tmp_path / "hold"):
         assert "The error over time, measured - wanted" in (one / "report.html").read_text()

@@ -159,7 +159,7 @@ def test_calibrate_says_of_a_record_what_identify_says(peltier: Peltier, tmp_pat
     assert status == 0
     assert note in identified
     for finding in result["check"]:
-        assert finding["kind"].startswith("iteration") or f"film: {finding['what']}: {finding['advice']}" in out
+        assert f"film: {finding['what']}: {finding['advice']}" in out
 
 
 def test_one_that_keeps_the_order_condition_where_it_switches_is_not_said_to_jump() -> None:

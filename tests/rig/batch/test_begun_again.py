@@ -25,8 +25,7 @@ def _table(path: Path) -> list[dict[str, str]]:
 
 
 def test_a_sweep_whose_target_is_another_is_no_sweep_of_this_folder(tmp_path: Path, peltier: Peltier) -> None:
-    path = write_bench(tmp_path, target='"target.csv"', more="\n[sweep]\nseeds = 1\n")
-    path.write_text(path.read_text().replace('kind = "track_resistance"', 'kind = "current_profile"'))
+    path = write_bench(tmp_path, target='"target.csv"', more="\n[sweep]\nseeds = 1\n", kind="current_profile")
     target, out = tmp_path / "target.csv", tmp_path / "out"
     target.write_text("time_s,current_A\n0,0.5\n5,0.5\n")
     words = ("sweep", path, "--out", out, "--workers", 1)

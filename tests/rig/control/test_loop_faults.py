@@ -8,11 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import rig.bench.assembly
-from rig.records.record_file import read_record
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -53,31 +51,6 @@ class SpeaksGarbage(FallsSilent):
         return self._instrument.next_transmit_s()
 
 
-class AnswersLate(FallsSilent):
-    """An instrument whose answers come a quarter of a second later, in one second."""
-
-    def __init__(self, instrument: Any, after_s: float) -> None:
-        super().__init__(instrument, after_s)
-        self._held: list[tuple[float, bytes]] = []
-
-    def receive(self, data: bytes, time_s: float) -> None:
-        self._instrument.receive(data, time_s)
-
-    def transmit(self, time_s: float) -> bytes:
-        data = self._instrument.transmit(time_s)
-        if data:
-            is_late = self._after_s <= time_s < self._after_s + 1.0
-            self._held.append((time_s + (0.25 if is_late else 0.0), data))
-        due = [data for due_s, data in self._held if due_s <= time_s]
-        self._held = [one for one in self._held if one[0] > time_s]
-        return b"".join(due)
-
-    def next_transmit_s(self) -> float | None:
-        due = [due_s for due_s, _ in self._held]
-        following = self._instrument.next_transmit_s()
-        return min([*due, *([following] if following is not None else [])], default=None)
-
-
 def break_instrument(monkeypatch: pytest.MonkeyPatch, role: str, how: type[FallsSilent], after_s: float) -> None:
     whole = rig.bench.assembly.emulated_instruments
 
@@ -100,19 +73,6 @@ def test_the_meter_dies(
     document = json.loads((tmp_path / "run.part" / "run.json").read_text())
     assert document["stop"]["reason"] == "ohmmeter_stale"
     assert document["stop"]["rows"] > 100
-
-
-def test_a_temperature_from_before_a_long_wait_for_the_meter_is_read_again(
-    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
-) -> None:
-    """What is commanded is decided on where the plate is, and not on where it was a quarter of a second ago."""
-    break_instrument(monkeypatch, "meter", AnswersLate, 30.0)
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 0, err
-    record = read_record(tmp_path / "run" / "record.csv")
-    time_s = record["time_s"]
-    assert np.max(np.diff(time_s)) > 0.2  # a period is 0.1 s
-    assert np.nanmax(record["current_time_s"][5:] - time_s[5:]) < 0.15  # a period, and the command
 
 
 def test_the_controller_dies_and_off_cannot_be_confirmed(

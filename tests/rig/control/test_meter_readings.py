@@ -79,28 +79,6 @@ def test_a_meter_without_a_filter_gives_single_ones_and_a_configured_count_is_re
     assert has_one.averaging.count == 1
 
 
-class LateAtFirst(Meter):
-    """Its host is late by 30 ms with one of its answers."""
-
-    def __init__(self, clock: VirtualClock, late: int) -> None:
-        super().__init__(clock)
-        self.late = late
-
-    def finish_reading(self) -> Reading:
-        self.late_s = 0.03 if len(self.asked_s) == self.late else 0.0
-        return super().finish_reading()
-
-
-@pytest.mark.parametrize("late", range(1, 8))
-@pytest.mark.parametrize("count", [None, 2])
-def test_one_late_answer_is_not_how_long_an_integration_takes(late: int, count: int | None) -> None:
-    meter = LateAtFirst(VirtualClock(), late)
-    readings(meter, count).fit(1.0)
-    assert meter.averaging.count in ((3, 4) if count is None else (2,))
-    assert meter.averaging.each_s == pytest.approx(EACH_S)
-    assert len(meter.asked_s) < 12
-
-
 class FailsOnce(Meter):
     """One of its readings fails."""
 
@@ -123,21 +101,6 @@ def test_a_reading_that_fails_leaves_single_ones_until_the_next_fit(failing: int
     assert meter.averaging == Averaging()
     assert "mean of 2 integrations" in of.fit(0.1)
     assert of.fit(0.1) == ""
-
-
-class TakesAnother(Meter):
-    """Its filter takes another count than it is told, and the driver sees that."""
-
-    def average(self, averaging: Averaging) -> None:
-        self.averaging = averaging
-        if averaging.count > 1:
-            raise Refused(None, "the meter's filter reads back 10")
-
-
-def test_a_filter_that_was_refused_is_switched_off() -> None:
-    meter = TakesAnother(VirtualClock())
-    assert "one integration" in readings(meter).fit(0.1)
-    assert meter.averaging == Averaging()
 
 
 def ticks(
@@ -198,26 +161,6 @@ def test_what_went_wrong_as_it_was_begun_is_told_as_it_is_fetched() -> None:
     assert fetched.is_number
 
 
-def test_what_brings_the_line_in_step_before_a_reading_is_none_of_its_time() -> None:
-    """1.5 s of it would have the readings after it begun much too early, for some dozens of ticks."""
-    clock = VirtualClock()
-    meter = Meter(clock)
-    of = readings(meter)
-    ticks(meter, of, 5, 0.25)
-    plainly = meter.start_reading
-
-    def brought_in_step() -> None:
-        clock.sleep_until_s(clock.now_s() + 1.5)
-        plainly()
-
-    meter.start_reading = brought_in_step  # type: ignore[method-assign]
-    of.leave()
-    assert of.fetch() is not None
-    meter.start_reading = plainly  # type: ignore[method-assign]
-    _, ago_s = ticks(meter, of, 1, 0.25)
-    assert ago_s <= LINE_S + meter.averaging.count * EACH_S + 0.05 * 0.25 + 0.01
-
-
 def test_after_a_reading_that_was_left_and_did_not_come_nobody_asks_ahead() -> None:
     """Bringing the line in step is the next tick's: it looks at the temperature before and after."""
     meter = Meter(VirtualClock())
@@ -241,19 +184,6 @@ def test_a_reading_is_begun_before_the_command_where_there_is_no_time_for_it_aft
     assert max(waited[10:]) == 0.0
 
 
-def test_after_a_late_answer_readings_are_begun_as_late_as_before_it() -> None:
-    meter = Meter(VirtualClock())
-    of = readings(meter)
-    _, before_s = ticks(meter, of, 5, 0.25)
-    meter.late_s = 0.05
-    ticks(meter, of, 3, 0.25)
-    meter.late_s = 0.0
-    _, just_after_s = ticks(meter, of, 1, 0.25)
-    assert just_after_s > before_s + 0.02
-    _, later_s = ticks(meter, of, 60, 0.25)
-    assert later_s < before_s + 0.01
-
-
 def test_between_two_phases_nobody_waits_longer_than_a_period() -> None:
     """A meter that needed 1.5 s the last time: meanwhile a current may flow, and nobody looks at the temperature."""
     meter = Meter(VirtualClock())
@@ -264,19 +194,6 @@ def test_between_two_phases_nobody_waits_longer_than_a_period() -> None:
     begun_s = meter.clock.now_s()
     of.ready()
     assert meter.clock.now_s() - begun_s <= 0.1 + 1e-9
-
-
-def test_a_reading_of_long_ago_is_none_for_the_next_phase() -> None:
-    clock = VirtualClock()
-    meter = Meter(clock)
-    of = readings(meter)
-    of.fit(0.1)
-    of.begin_for(clock.now_s())
-    clock.sleep_until_s(clock.now_s() + 5.0)
-    of.ready()
-    fetched = of.fetch()
-    assert fetched is not None
-    assert clock.now_s() - fetched.time_s < 0.1
 
 
 @pytest.mark.parametrize(("more", "said"), [("", "mean of"), ("average = 1\n", "one integration")])

@@ -78,8 +78,7 @@ def test_every_law_runs(peltier: Peltier, tmp_path: Path, law: str, rms_dec: flo
     ],
 )
 def test_profiles(peltier: Peltier, tmp_path: Path, kind: str, target: str, column: str) -> None:
-    path = write_bench(tmp_path, target=target)
-    path.write_text(path.read_text().replace('kind = "track_resistance"', f'kind = "{kind}"'))
+    path = write_bench(tmp_path, target=target, kind=kind)
     status, _, err = peltier("run", path, "--out", tmp_path / "run")
     assert (status, err) == (0, "")
     with (tmp_path / "run" / "record.csv").open() as file:
@@ -94,8 +93,7 @@ def test_interlock_trips_with_the_output_off(peltier: Peltier, tmp_path: Path) -
     path.write_text(path.read_text().replace("first_degC = 60.0", "first_degC = 62.99"))
     status, _, err = peltier("run", path, "--out", tmp_path / "run")
     assert status in (2, 10)  # refused as out of range, or tripped: never quietly run
-    hot = write_bench(tmp_path, limits="[10, 55]", target='["start 45 degC", "hold 10 s"]')
-    hot.write_text(hot.read_text().replace('kind = "track_resistance"', 'kind = "hold"'))
+    hot = write_bench(tmp_path, limits="[10, 55]", target='["start 45 degC", "hold 10 s"]', kind="hold")
     status, _, err = peltier("run", hot, "--out", tmp_path / "hot")
     assert status == 10
     assert "outside the limits" in err
@@ -227,8 +225,7 @@ def test_the_folder_stands_alone(finished_run: Path) -> None:
 def test_a_temperature_profile_is_scored_against_what_was_asked(peltier: Peltier, tmp_path: Path) -> None:
     """A step of 20 K, which no plate follows at once, counts in full."""
     target = '["start 40 degC", "hold 5 s", "step to 60 degC", "hold 15 s"]'
-    path = write_bench(tmp_path, target=target)
-    path.write_text(path.read_text().replace('kind = "track_resistance"', 'kind = "temperature_profile"'))
+    path = write_bench(tmp_path, target=target, kind="temperature_profile")
     status, out, _ = peltier("run", path, "--out", tmp_path / "run")
     assert status == 0
     with (tmp_path / "run" / "record.csv").open() as file:

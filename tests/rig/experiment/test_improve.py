@@ -297,15 +297,6 @@ def test_what_a_daemon_ended_with_is_the_status(
     assert not (tmp_path / "out" / "improvement.json").exists()
 
 
-def test_another_target_is_told_and_not_compared(peltier: Peltier, known: Path, tmp_path: Path) -> None:
-    config = known / "other_target.toml"
-    config.write_text((known / "config.toml").read_text().replace("hold 3 s", "hold 4 s"))
-    status, out, _ = peltier("improve", known / "first", "--config", config, "--out", tmp_path / "out", "--yes")
-    assert status == 0
-    assert "note: the first run had another target: the errors cannot be compared" in out
-    assert json.loads((tmp_path / "out" / "improvement.json").read_text())["reduction"] is None
-
-
 def test_an_effect_at_the_size_that_the_model_has_is_no_news() -> None:
     found = [{"name": "film_lag", "parameters": {"tau_s": {"value": 2.0, "ci95": [1.9, 2.1]}}}]
     assert news(found, [{"name": "film_lag", "tau_s": 2.15}]) == []

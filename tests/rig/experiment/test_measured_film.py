@@ -46,17 +46,6 @@ model = "truth.toml"
 """
 
 
-def test_identify_and_predict(peltier: Callable[..., tuple[int, str, str]], measured: Path, tmp_path: Path) -> None:
-    record = measured / "vo2_film_major_loop.tsv"
-    mapping = [word for column in COLUMNS for word in ("--column", column)]
-    status, out, err = peltier("identify", record, *mapping, "--out", tmp_path / "film.toml")
-    assert (status, err) == (0, "")
-    assert "minor loops are not determined" in out
-    status, _, _ = peltier("predict", tmp_path / "film.toml", record, *mapping, "--json", tmp_path / "p.json")
-    assert status == 0
-    assert json.loads((tmp_path / "p.json").read_text())["rmse_dec"] <= 0.06
-
-
 @pytest.mark.long
 def test_tracks_three_decades(peltier: Callable[..., tuple[int, str, str]], measured: Path, tmp_path: Path) -> None:
     """The main job: the film is fitted to all rows, the controller's model to every other one, its plate is 1 % off."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.experiment.improvement import fitted_no_better, no_better
+from rig.experiment.improvement import no_better
 from rig.records.film_output import FALLING_RESISTANCE
 from rig.records.record_file import Record, read_record
 from tests.rig.small import MODEL, write_bench
@@ -56,22 +56,3 @@ def test_a_film_is_told_by_the_film(tmp_path: Path, recorded: Callable[[str, str
     assert found is not None
     assert found.startswith("with the extended model log R of the run's own record is predicted to ")
     assert why_not(tmp_path, recorded(*SINK), SINK, TOO_LATE) is not None
-
-
-def test_a_model_with_the_same_effects_has_to_tell_what_was_followed_clearly_better(
-    tmp_path: Path, recorded: Callable[[str, str], Record]
-) -> None:
-    """A film half a kelvin away from the one that was measured; and the one that the run had."""
-    record = recorded(*LAG)
-    own, extended = tmp_path / "own.toml", tmp_path / "extended.toml"
-    lag = f'\n[[effects]]\nname = "{LAG[0]}"\n{LAG[1]}\n'
-    right, away = MODEL + lag, MODEL.replace("b = -12.6", "b = -12.5").replace("b = -11.8", "b = -11.7") + lag
-    for had, fitted, runs in ((away, right, True), (right, right, False), (right, away, False)):
-        own.write_text(had, encoding="utf-8")
-        extended.write_text(fitted, encoding="utf-8")
-        found = fitted_no_better(extended, own, record, FALLING_RESISTANCE)
-        assert (found is None) is runs
-        if found is not None:
-            assert found.startswith("with film and plate fitted to the run log R of its record is predicted to ")
-    found = fitted_no_better(extended, own, record, "voltage_V")
-    assert found == "voltage_V of the run's own record cannot be predicted by both models"

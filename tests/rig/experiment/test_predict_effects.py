@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from rig.records.record_file import read_record, write_columns
@@ -72,14 +71,6 @@ def test_from_the_temperature_alone(folder: Path, peltier: Peltier) -> None:
     assert extended["rmse_dec"] < 0.003 < 0.02 < base["rmse_dec"]
 
 
-def test_over_a_gap_the_plate_begins_anew(folder: Path, peltier: Peltier) -> None:
-    record = read_record(folder / "all.csv")
-    kept = np.r_[0:150, 200 : record.rows]
-    write_columns(folder / "gap.csv", {name: column[kept] for name, column in record.columns.items()})
-    extended = predicted(peltier, folder / "all.toml", folder / "gap.csv")
-    assert extended["rmse_K"] < 1.5  # the sensor's lag and the sink are not known after the gap
-
-
 def test_self_heating_without_a_test_current_is_told(folder: Path, peltier: Peltier) -> None:
     record = read_record(folder / "film.csv")
     kept = {name: column for name, column in record.columns.items() if name != "meter_current_A"}
@@ -87,16 +78,6 @@ def test_self_heating_without_a_test_current_is_told(folder: Path, peltier: Pelt
     status, _, err = peltier("predict", folder / "film.toml", folder / "quiet.csv")
     assert status == 0
     assert "no meter_current_A" in err
-
-
-def test_a_thermometer_that_never_read_is_told(tmp_path: Path, peltier: Peltier) -> None:
-    model, record = tmp_path / "m.toml", tmp_path / "r.csv"
-    model.write_text(MODEL, encoding="utf-8")
-    nothing = np.full(50, np.nan)
-    write_columns(record, {"time_s": np.arange(50.0), "temperature_degC": nothing, "resistance_ohm": np.full(50, 1e4)})
-    status, _, error = peltier("predict", model, record)
-    assert status == 2
-    assert error == f"{record}: temperature_degC: no finite number in 50 rows, expected degC\n"
 
 
 def test_a_model_with_faulty_effects(tmp_path: Path, peltier: Peltier) -> None:

@@ -18,8 +18,7 @@ CURRENTS = '["start 1 A", "hold 5 s", "ramp to 2 A in 10 s", "hold 5 s"]'
 
 
 def of_kind(folder: Path, kind: str, target: str, **more: str) -> Path:
-    path = write_bench(folder, target=target, **more)
-    path.write_text(path.read_text().replace('kind = "track_resistance"', f'kind = "{kind}"'))
+    path = write_bench(folder, target=target, **more, kind=kind)
     return path
 
 

@@ -34,8 +34,7 @@ effects = [[], ["film_lag:tau_s=1"]]
 
 def test_a_sweep_and_its_second_half(tmp_path: Path, peltier: Peltier) -> None:
     target = '["start 1 A", "hold 5 s", "ramp to 2 A in 5 s"]'
-    path = write_bench(tmp_path, target=target, more=SWEEP)
-    path.write_text(path.read_text().replace('kind = "track_resistance"', 'kind = "current_profile"'))
+    path = write_bench(tmp_path, target=target, more=SWEEP, kind="current_profile")
     words = ("sweep", path, "--out", tmp_path / "s", "--workers", 1, "--records")
     status, out, err = peltier(*words)
     assert status == 0, err
