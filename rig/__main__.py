@@ -18,15 +18,6 @@ from rig.core.streams import open_standard_streams, outlive_readers
 
 # file of rig.command -> its verbs, each a function with its options in VERB_arguments -> what it does, for the overview
 FILES = {
-    "setup": {
-        "init": "write commented configurations to start from",
-        "precompile": "compile now what would be compiled at the first use",
-    },
-    "instruments": {
-        "ports": "list the attached instruments",
-        "check": "ask the instruments: do they answer, do they match the configuration",
-        "emulate": "put simulated instruments on pseudo-terminals",
-    },
     "experiments": {
         "run": "run an experiment",
         "calibrate": "measure a film and its plate, and write their model",
@@ -46,6 +37,11 @@ FILES = {
         "sweep": "run many simulated experiments, and tabulate the results",
         "trend": "find which effects the runs in a folder show, and since when",
     },
+    "instruments": {
+        "ports": "list the attached instruments",
+        "check": "ask the instruments: do they answer, do they match the configuration",
+        "emulate": "put simulated instruments on pseudo-terminals",
+    },
     "servers": {
         "serve": "run the bench daemon: queue, history, page",
         "epics": "run an EPICS server beside the daemon",
@@ -57,6 +53,10 @@ FILES = {
         "stop": "switch the output off, end the running job, empty the queue",
         "off": "switch the output off, with or without a daemon",
         "reset": "clear a latched trip or stop, with a reason",
+    },
+    "setup": {
+        "init": "write commented configurations to start from",
+        "precompile": "compile now what would be compiled at the first use",
     },
 }
 VERBS = {verb: file for file, verbs in FILES.items() for verb in verbs}

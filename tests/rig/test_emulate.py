@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from rig.bench.assembly import emulated_instruments
-from rig.command.instruments import Output
 from rig.config.configuration import read_configuration
 from rig.core.clock import RealClock
 from rig.core.errors import PortHeld
@@ -222,15 +221,3 @@ def test_an_output_that_was_left_on_is_told(tmp_path: Path, root: Path) -> None:
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=PATIENCE_S)
     assert "controller: at the end its output is off" in err
-
-
-def test_what_is_said_of_an_output() -> None:
-    output = Output()
-    assert output.seen(1.0, 9.9, 10.0) == []
-    assert output.seen(0.0, 10.1, 10.2) == []  # it was told to
-    assert output.seen(1.0, 10.3, 10.4) == []
-    assert output.seen(1.0, 10.3, 15.0) == []
-    assert len(output.seen(-1.0, 10.3, 15.4)) == 1
-    assert output.seen(-1.0, 10.3, 15.6) == []  # once
-    assert "by itself" in output.seen(0.0, 10.3, 15.8)[0]
-    assert output.seen(0.0, 10.3, 30.0) == []

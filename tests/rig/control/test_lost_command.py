@@ -1,4 +1,4 @@
-"""A controller that is silent for a second in mid run, and one that takes no commands any more."""
+"""Instruments that fall silent in mid run for a second or for good, take no commands, or speak garbage."""
 
 from __future__ import annotations
 
@@ -40,6 +40,19 @@ class Deaf:
         return due
 
 
+class SpeaksGarbage(Deaf):
+    """An instrument whose answers turn into noise at a time."""
+
+    def receive(self, data: bytes, time_s: float) -> None:
+        self._instrument.receive(data, time_s)
+
+    def transmit(self, time_s: float) -> bytes:
+        data = self._instrument.transmit(time_s)
+        if time_s < self._begin_s or not data:
+            return bytes(data)
+        return bytes((byte * 7 + 3) % 251 for byte in data) + b"\r\n"
+
+
 def events(folder: Path, kind: str) -> list[dict[str, Any]]:
     lines = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
     return [line for line in lines if kind in line.values()]
@@ -53,6 +66,23 @@ def deafened(monkeypatch: pytest.MonkeyPatch, begins_s: list[float], seconds: fl
         return [(role, name, controller), *others]
 
     monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", some_deaf)
+
+
+@pytest.mark.parametrize("how", [Deaf, SpeaksGarbage])
+def test_the_meter_dies(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, how: type[Deaf]) -> None:
+    def dies(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
+        controller, (role, name, meter) = emulated_instruments(file, start_s)
+        return [controller, (role, name, how(meter, 30.0, 1e9))]
+
+    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", dies)
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 10, err
+    assert "no good reading of the ohmmeter" in err
+    assert ("check its supply and its cable" in err) == (how is Deaf)  # one that speaks garbage has both
+    assert "output off, confirmed" in err
+    document = json.loads((tmp_path / "run.part" / "run.json").read_text())
+    assert document["stop"]["reason"] == "ohmmeter_stale"
+    assert document["stop"]["rows"] > 100
 
 
 def test_a_second_of_silence_ends_no_run(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:

@@ -163,19 +163,6 @@ def test_an_end_that_finds_no_room_leaves_the_document_as_it_was(writes: str, tm
     assert "stop" not in json.loads((folder.part / "run.json").read_text())
 
 
-@limited
-def test_rows_that_find_no_room_leave_no_file_open(tmp_path: Path) -> None:
-    """The rows are refused only as their file is closed; whoever looks next at the events finds them whole."""
-    folder = RunFolder(tmp_path / "run", {}, "", ["time_s"])
-    folder.flush()
-    for _ in range(100):
-        folder.row((0.1,))
-    folder.event(0.1, "phase", "test")
-    with no_file_above(60), pytest.raises(OSError, match=re.escape("record.csv")):
-        folder.abandon()
-    assert "test" in (tmp_path / "run.part" / "events.jsonl").read_text()
-
-
 def test_a_folder_that_is_deleted_is_written_again(
     monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
 ) -> None:

@@ -101,15 +101,6 @@ def test_what_cannot_be_is_refused(
     assert len(err.splitlines()) == 1
 
 
-def test_an_ohmmeter_tracks_no_curvature(peltier: Peltier, tmp_path: Path) -> None:
-    path = cantilever(tmp_path)
-    lines = [k for k in path.read_text().splitlines() if not k.startswith(("quantity", "output", "formula", "range_V"))]
-    path.write_text("\n".join(lines))
-    status, _, err = peltier("run", path)
-    assert status == 2
-    assert "bench.meter.quantity: 'resistance'; expected 'voltage'" in err
-
-
 def test_the_way_that_keeps_the_target_within_reach() -> None:
     """Within 58 degC a little less output is had lower, on the branch, or a K higher, where D falls; more again only
     from the second. The target is planned so, and the law goes that way, with noise on both readings."""

@@ -18,7 +18,7 @@ from rig.config.model_file import read_model
 from rig.config.target import parse_profile
 from rig.control.decision import Decision, Tick
 from rig.core.reading import Reading
-from rig.core.streams import NEW_LINE_S, PatientLine, TerminalLine
+from rig.core.streams import PatientLine, TerminalLine
 from rig.daemon.status_text import clock
 from rig.experiment.feasibility import expected_calibration, expected_run
 from rig.ports.pseudo_terminal import PseudoTerminals
@@ -154,12 +154,6 @@ def test_a_sentence_that_cannot_be_read_is_told_with_what_would_be(
     assert says in err
 
 
-def test_what_would_be_read_is_read() -> None:
-    words = ["start 80 kohm", "hold 20 s", "ramp to 80 kohm at 0.1 dec/s", "ramp to 80 kohm in 30 s"]
-    words += ["step to 80 kohm", "sine 0.4 dec period 40 s for 80 s"]
-    assert parse_profile(words, "resistance", "a test").duration_s == pytest.approx(130.0, abs=0.1)
-
-
 def test_only_the_experiment_needs_its_target_and_its_model(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path, target='"later.csv"')
     path.write_text(path.read_text().replace('kind = "track_resistance"\nmodel = "model.toml"',
@@ -208,27 +202,6 @@ def test_a_terminals_line_is_rewritten_in_place_and_cleared() -> None:
     assert shown[0].rstrip() == ("condition 0:00 of about 2:20, 2:20 to go   61.23 degC   12.34 kohm   1.25 A")
     line.clear()
     assert screen.getvalue().endswith("\r" + " " * len(shown[0]) + "\r")
-
-
-def test_simulated_time_is_called_so() -> None:
-    """A line that says 22 minutes to go, where half a minute is, is taken at its word."""
-    screen = Screen(True)
-    progress = Progress(TerminalLine(screen, lambda: screen.now_s), virtual=True)
-    progress.expect([("track", 100.0)], "A", "resistance_ohm")
-    progress.tick(a_tick(0.0, "track"))
-    assert "0:00 of a simulated 1:40, 1:40 to go   61.23 degC" in screen.getvalue()
-
-
-def test_a_log_gets_a_line_now_and_then() -> None:
-    screen = Screen(False)
-    line = TerminalLine(screen, lambda: screen.now_s)
-    progress = Progress(line)
-    for k in range(600):
-        screen.now_s = float(k)
-        progress.tick(a_tick(float(k), "track"))
-    lines = screen.getvalue().splitlines()
-    assert len(lines) == 600 // NEW_LINE_S
-    assert lines[-1].startswith("track     9:30 of about 9:30")
 
 
 def test_a_terminal_that_is_halted_holds_up_nobody() -> None:

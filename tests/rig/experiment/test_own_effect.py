@@ -89,25 +89,6 @@ def test_a_file_that_is_wrong(bench: Path, peltier: Peltier, code: str | None, t
     assert told in err
 
 
-@pytest.mark.long
-def test_the_documents_own_command(
-    root: Path, tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Word for word: it calibrates with the effect, tracks, and is not taken for a fault by the interlock."""
-    text = (root / "docs" / "own_effect.md").read_text()
-    code, command = (re.search(p, text, re.DOTALL) for p in (r"```python\n(.*?)```", r"\n    peltier (simulate .*?)\n"))
-    assert code is not None
-    assert command is not None
-    (tmp_path / "plate_fin.py").write_text(code[1])
-    (tmp_path / "configs").mkdir()
-    (tmp_path / "configs" / "demo.toml").write_text((root / "configs" / "demo.toml").read_text())
-    monkeypatch.chdir(tmp_path)
-    status, out, err = peltier(*command[1].split())
-    assert status == 0, err
-    assert "plate_fin: coupling_per_s = 0.005, tau_s = 60" in out
-    assert read_record(tmp_path / "r.csv").rows > 1000
-
-
 @pytest.mark.parametrize(
     "term", ["coupling / 0.0 * plate", "math.nan * plate", "1e9 * plate", "plate / (plate - plate)"]
 )
