@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from rig.config.configuration import read_configuration
+from rig.config.target import parse_profile
 from rig.core.faults import Faults
-from rig.experiment.feasibility import target_and_model
+from rig.experiment.feasibility import KINDS, Kind, target_and_model, target_of
 from tests.rig.small import write_bench
 
 PROFILE = '["start 30 degC", "ramp to 70 degC at {rate} K/s", "hold 20 s", "ramp to 30 degC at {rate} K/s"]'
@@ -58,3 +59,11 @@ def test_faults_of_target_and_model_are_told_at_once(tmp_path: Path) -> None:
     assert len(told.value.lines) == 2
     assert "leap to 5 kohm" in told.value.lines[0]
     assert "plate.kind" in told.value.lines[1]
+
+
+def test_a_kind_with_keys_of_its_own_needs_no_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who adds one says how its target follows from them; without that each of its runs was refused."""
+    made = parse_profile(["start 40 degC", "hold 5 s"], "temperature", "a test")
+    monkeypatch.setitem(KINDS, "hold", Kind("temperature", target=lambda file: made))  # type: ignore[arg-type]
+    path = write_bench(tmp_path, experiment='[experiment]\nkind = "hold"\nmodel = "model.toml"\n')
+    assert target_of(read_configuration(path)) is made
