@@ -69,39 +69,24 @@ def _order(model: FilmModel, low_degC: float, high_degC: float) -> list[Finding]
     return [Finding("order", what, None, tuple(int(j) for j in failing), advice)]
 
 
-def _slopes(row: Array, v: Array) -> Array:
-    """Return the slopes of an envelope (code, a, b)."""
-    return np.array([envelope(row[0], row[1], row[2], float(x))[1] for x in v])
-
-
 def _not_monotone(model: FilmModel, inverse: Inverse, v: Array) -> list[Finding]:
     slope = np.array([memoryless(model.memoryless.code, model.memoryless_array, float(x))[1] for x in v])
     falling = np.flatnonzero(slope < -ROUNDING)
     if inverse.least_slope >= 0.0 or not falling.size:
         return []
     where = float(v[falling[0]]), float(v[falling[-1]])
-    all_moving = slope + min(
-        (_moving_slope(model, v, first) for first in (0, 3)), key=lambda s: float((s + slope).min())
+    up, _ = model.simulate(v, model.initial_memory(float(v[0]), "heated"))
+    down, _ = model.simulate(v[::-1], model.initial_memory(float(v[-1]), "cooled"))
+    steps = np.minimum(np.diff(up), np.diff(down[::-1]))
+    at = v[:-1][steps < -ROUNDING * float(np.max(np.abs(up)))]
+    loop = (
+        f", and on the major loop between {at[0]:.1f} and {at[-1]:.1f} degC" if at.size else "; not on the major loop"
     )
-    down = np.flatnonzero(all_moving < -ROUNDING)
-    loop = "; not on the major loop, where all operators move"
-    if down.size:
-        loop = f", and on the major loop between {v[down[0]]:.1f} and {v[down[-1]]:.1f} degC"
     what = (
         f"D(T) falls by up to {-slope.min():.2g} per K: after a reversal the output moves against the temperature{loop}"
     )
     advice = "a target can have several temperatures, or none: narrow the limits"
     return [Finding("not_monotone", what, where, (), advice)]
-
-
-def _moving_slope(model: FilmModel, v: Array, first: int) -> Array:
-    """Return sum_j p_j gamma_j' on one branch if every operator moves."""
-    if len(model.envelopes) == 1:
-        return np.asarray(float(model.weights.sum()) * _slopes(model.envelopes[0, first : first + 3], v))
-    total = np.zeros(v.size)
-    for weight, row in zip(model.weights, model.envelopes, strict=True):
-        total += weight * _slopes(row[first : first + 3], v)
-    return total
 
 
 def _stands_still(model: FilmModel, low: float, high: float) -> list[Finding]:

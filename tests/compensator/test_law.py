@@ -1,4 +1,4 @@
-"""The compiled control law against the same law put together from its public parts, and its behaviour in a loop."""
+"""The control law: its state is a value, what it cannot reach is said, what it lacks is refused."""
 
 from __future__ import annotations
 
@@ -8,22 +8,20 @@ import numpy as np
 import pytest
 
 from compensator.control.law import Law, LawSettings
-from compensator.control.law_step import Inputs, LawName
+from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
 from compensator.thermal.plate import PlateModel
 from tests.compensator.film_models import THIRTY_OPERATORS as FILM
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
-AGE_S, ACTS_S = 0.04, 0.02
 
 
-def law_of(name: LawName) -> Law:
-    gains = PidGains(8.0, 3.0, 2.0) if name == "pid" else PidGains(1.2, 0.3, 1.0)
-    return Law(LawSettings(name, 0.1, 4.0, 10.0, 95.0, gains), PLATE, None if name == "temperature" else FILM)
+def full() -> Law:
+    return Law(LawSettings("full", 0.1, 4.0, 10.0, 95.0, PidGains(1.2, 0.3, 1.0)), PLATE, FILM)
 
 
 def test_the_state_is_a_value() -> None:
-    law = law_of("full")
+    law = full()
     state = law.start(50.0, None)
     targets = np.full(8, -2.9)
     targets.setflags(write=False)
@@ -47,7 +45,7 @@ def flat(part: object) -> list[float]:
 
 
 def test_an_output_that_cannot_be_reached_is_told() -> None:
-    law = law_of("full")
+    law = full()
     command, _ = law.step(law.start(50.0, None), Inputs(50.0, math.nan, -20.0, np.full(8, -20.0)))
     assert not command.reachable
     assert law.start(50.0, None).integral == 0.0
