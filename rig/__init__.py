@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rig.config.model_file import Model as Model
     from rig.core.faults import Faults as Faults
     from rig.experiment.simulation import simulated_rig as simulated_rig
+    from rig.notebook.analysis import diagnose as diagnose
     from rig.notebook.analysis import identify as identify
     from rig.notebook.analysis import invert as invert
     from rig.notebook.analysis import predict as predict
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from rig.notebook.bench import open_bench as open_bench
     from rig.notebook.bench import run as run
     from rig.notebook.bench import simulate as simulate
-    from rig.notebook.analysis import diagnose as diagnose
     from rig.notebook.files import read_model as read_model
     from rig.notebook.files import read_record as read_record
     from rig.notebook.files import write_model as write_model

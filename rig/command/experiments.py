@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rig.config.configuration import ConfigurationFile
     from rig.experiment.improvement import Improvable
     from rig.experiment.tuning import OwnTuning, WholeLaw
-    from rig.records.recorded_run import RunRows
+    from rig.records.run_folder import RunRows
     from rig.report.improvement import Improvement
 
 
@@ -232,7 +232,7 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, termin
     from rig.experiment.improvement import as_effects, news
     from rig.records.record_file import read_record
     from rig.report.batch import CANDIDATE, MODEL
-    from rig.report.diagnosed_record import Options, told
+    from rig.report.diagnosis import Options, told
     from rig.report.improvement import Improvement
 
     folder, own = out / "diagnosis", tuple(path.absolute() for path in options.effect_file)
@@ -309,7 +309,7 @@ def _compared(improvement: Improvement, found: Improvable, second: Path) -> Impr
     """Add the result of the second run."""
     from rig.analysis.error import target_error
     from rig.experiment.improvement import gain_of
-    from rig.records.recorded_run import recorded_run
+    from rig.records.run_folder import recorded_run
 
     after = target_error(recorded_run(second))
     gain = gain_of(improvement.first, after) if found.comparable else None
@@ -399,7 +399,7 @@ def report(options: argparse.Namespace) -> int:
     run that ended before its own rows began, as while it calibrated, the runs inside FOLDER are reported, each in its
     place.
     """
-    from rig.records.recorded_run import recorded_inside, recorded_run
+    from rig.records.run_folder import recorded_inside, recorded_run
 
     inside = recorded_inside(options.folder)
     if not inside:

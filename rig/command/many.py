@@ -15,7 +15,7 @@ from rig.core.outcome import Stopped
 from rig.records.record import Record, Refused
 
 if TYPE_CHECKING:
-    from rig.batch.engine import EngineChoice
+    from rig.batch import EngineChoice
     from rig.report.batch import RecordReport, Task
 
 
@@ -32,7 +32,7 @@ def add_engine_arguments(parser: argparse.ArgumentParser) -> None:
 
 def engine_choice(options: argparse.Namespace) -> EngineChoice:
     """Return the engine that was chosen. Raises Faults."""
-    from rig.batch.engine import EngineChoice
+    from rig.batch import EngineChoice
 
     return EngineChoice(options.engine, options.workers, options.address)
 
@@ -191,9 +191,10 @@ def trend(options: argparse.Namespace) -> int:
         terminal.print(one.in_words())
     if not series:
         terminal.print(f"no effect was named in {len(rows)} runs")
-    from rig.batch.journal import write_table
+    from rig.batch import table_columns
+    from rig.records.record_file import write_columns
 
-    write_table(options.out / "effects.csv", [one.row() for one in series])
+    write_columns(options.out / "effects.csv", table_columns([one.row() for one in series]))
     linked = [{**row, "link": _link(options.folder / str(row["run"]) / "report.html", options.out)} for row in rows]
     write_trend_report(options.out, series, linked)
     terminal.print(f"report: {options.out / 'report.html'}")

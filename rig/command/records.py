@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.batch.journal import is_of_many
+from rig.batch import is_of_many
 from rig.command.many import add_engine_arguments, report_each
 from rig.command.record_arguments import (
     add_effect_file_argument,
@@ -29,7 +29,7 @@ from rig.records.record_file import Record, print_columns, write_columns
 
 if TYPE_CHECKING:
     from rig.config.model_file import Model
-    from rig.report.diagnosed_record import Options
+    from rig.report.diagnosis import Options
 
 
 def identify_arguments(parser: argparse.ArgumentParser) -> None:
@@ -350,7 +350,7 @@ def diagnose(options: argparse.Namespace) -> int:
     records = [] if several else read_records(options.records, options)
     holdout = read_records(options.holdout, options) if options.holdout else []
     from rig.analysis.diagnosed import Asked  # seconds: after what may be refused has been read
-    from rig.report.diagnosed_record import Options
+    from rig.report.diagnosis import Options
 
     own = tuple(path.absolute() for path in options.effect_file)
     asked = Options(
@@ -359,7 +359,7 @@ def diagnose(options: argparse.Namespace) -> int:
         own,
     )
     if several:
-        from rig.report.diagnosed_record import diagnoses
+        from rig.report.diagnosis import diagnoses
 
         return report_each(each, diagnoses(asked, holdout), options, terminal)
     terminal.write_json(_single(records, asked, holdout, options, terminal))
@@ -386,7 +386,7 @@ def _single(
 ) -> dict[str, Any]:
     """One record, or several as one, with progress on stderr; its document. Raises Faults."""
     from rig.report.batch import MODEL
-    from rig.report.diagnosed_record import told
+    from rig.report.diagnosis import told
 
     record, *further = records
 

@@ -68,8 +68,7 @@ def overview(options: argparse.Namespace) -> int:
     """
     import asyncio
 
-    from rig.overview.app import serve
-    from rig.overview.configuration import read_overview
+    from rig.overview import read_overview, serve
 
     content = read_overview(options.config)
     return asyncio.run(serve(content, lambda url: print(f"overview {url}", flush=True)))
