@@ -32,7 +32,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rig.core.clock import VirtualClock
-from rig.drivers.scpi_meter import ScpiMeter
+from rig.drivers.scpi_meters import ScpiMeter
 from rig.ports import protocol_sim
 from tests.rig.drivers.faulty_wire import DISORDER, REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
 from tests.rig.drivers.still_plant import StillPlant

@@ -4,9 +4,8 @@ from math import isfinite, nan
 from typing import ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
-from rig.core.reading import Quality, Reading
+from rig.core.reading import Identity, Quality, Reading
 from rig.drivers.controller import OFF_S, OwnLimits, Status, TemperatureController, confirmed_off
-from rig.drivers.identity import Identity
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 

@@ -17,8 +17,8 @@ from rig.core.clock import Clock, RealClock, VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, PortHeld, TimedOut, called, of_whom
 from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff, OfOutput
+from rig.core.reading import Identity
 from rig.drivers.controller import TemperatureController
-from rig.drivers.identity import Identity
 from rig.drivers.meter import ResistanceMeter
 from rig.drivers.registry import check_options, controller_class, meter_class, open_controller, open_meter
 from rig.guard.pipe import UNGUARDED, Guard

@@ -29,7 +29,7 @@ from rig.config.tables import (
 )
 from rig.config.toml_file import parsed_toml, read_text, read_toml
 from rig.core.faults import Faults
-from rig.drivers.identity import Identity
+from rig.core.reading import Identity
 
 SECRET_KEYS = ("token", "metrics_token", "webhook")  # of [serve]; who has a webhook's address can use it
 PATH_KEYS = (("experiment", "target"), ("experiment", "learned"), ("simulation", "film", "model"))

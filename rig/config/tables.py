@@ -90,7 +90,7 @@ class MeterTable(InstrumentTable):
     many as a period has room for.
 
     With quantity "voltage" a voltage in a range of range_V stands for the film's output (its name and unit, as in
-    "curvature_per_m"), by a formula of voltage_V: "(voltage_V - 0.131) * 22.4" (rig.drivers.formula).
+    "curvature_per_m"), by a formula of voltage_V: "(voltage_V - 0.131) * 22.4" (rig.drivers.meter).
     """
 
     four_wire: bool = True
@@ -103,7 +103,7 @@ class MeterTable(InstrumentTable):
 
     @model_validator(mode="after")
     def _check(self) -> MeterTable:
-        from rig.drivers.formula import check_output, formula
+        from rig.drivers.meter import check_output, formula
 
         given = [name for name in ("output", "formula") if getattr(self, name) is not None]
         if self.quantity == "resistance":

@@ -1,4 +1,4 @@
-"""What an instrument read: a value, when it was so, and how far to believe it."""
+"""Answers of an instrument: a reading (a value, its time, how far to believe it), and who the instrument is."""
 
 from __future__ import annotations
 
@@ -52,3 +52,21 @@ class Reading:
 def missing(time_s: float, why: str = "") -> Reading:
     """There was no answer."""
     return Reading(nan, time_s, Quality.MISSING, why)
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Identity as the instrument reports it; empty if it reports none."""
+
+    maker: str
+    model: str
+    serial_number: str
+    firmware: str
+
+    def __str__(self) -> str:
+        return f"{self.maker} {self.model}, serial number {self.serial_number}, firmware {self.firmware}"
+
+    @classmethod
+    def of_idn(cls, answer: str) -> Identity:
+        """Return the four fields of an answer to `*IDN?`."""
+        return cls(*(part.strip() for part in (answer + ",,,").split(",")[:4]))

@@ -22,13 +22,12 @@ from rig.core.clock import RealClock
 from rig.core.errors import PortHeld
 from rig.core.faults import Faults
 from rig.core.outcome import Outcome, Tripped
-from rig.core.reading import Quality, Reading
+from rig.core.reading import Identity, Quality, Reading
 from rig.daemon.announcer import Announcer, post_webhook
 from rig.daemon.configurations import admit, history_folder, model_of
 from rig.daemon.latch import LATCH, OFF_CONTRADICTED, STOPPED, Latch, LatchStore, latch_at_start, tripped
 from rig.daemon.output_lock import Off, OutputLock
 from rig.daemon.status_text import job_in_words, span
-from rig.drivers.identity import Identity
 from rig.guard.stale_run import draw_missing_reports, why_not_confirmed_off
 from rig.history.store import Retention, Store
 from rig.history.writer import Writer

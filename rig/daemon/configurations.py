@@ -19,7 +19,7 @@ from rig.config.schema import Table
 from rig.config.toml_file import parsed_toml, read_text, shown
 from rig.core.clock import DAY_S
 from rig.core.faults import Faults, fault
-from rig.drivers.identity import Identity
+from rig.core.reading import Identity
 from rig.drivers.registry import is_own
 
 LARGEST_FILE = 1_000_000  # bytes

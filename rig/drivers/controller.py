@@ -15,8 +15,7 @@ from typing import ClassVar
 
 from rig.core.clock import Clock
 from rig.core.errors import Disconnected, InstrumentError, Refused
-from rig.core.reading import Quality, Reading
-from rig.drivers.identity import Identity
+from rig.core.reading import Identity, Quality, Reading
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 

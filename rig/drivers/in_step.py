@@ -8,9 +8,14 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
-from rig.core.errors import Disconnected, InstrumentError, OutOfStep
+from rig.core.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, TimedOut
 from rig.ports.transport import Transport
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three the line is dead
 
@@ -77,3 +82,20 @@ class SteppedLink:
     def _prove(self, attempt: int) -> None:
         """Discard what may be under way, and return when a fresh number has come back. InstrumentError."""
         raise NotImplementedError
+
+
+def retry_once(question: Callable[P, T]) -> Callable[P, T]:
+    """Decorate a method of a driver's start so that it is done a second time after TimedOut, Corrupt or OutOfStep.
+
+    For methods that may be done twice and prove their answers: identity, and settings that are read back. A line that
+    hiccups once (an adapter that hands over half an answer, the rest 0.4 s later) does not end a start.
+    """
+
+    @wraps(question)
+    def asked(*args: P.args, **more: P.kwargs) -> T:
+        try:
+            return question(*args, **more)
+        except (TimedOut, Corrupt, OutOfStep):
+            return question(*args, **more)
+
+    return asked

@@ -34,7 +34,7 @@ from math import isfinite, nan
 from typing import Any, ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused
-from rig.core.reading import Quality, Reading
+from rig.core.reading import Identity, Quality, Reading
 from rig.drivers.controller import (
     DRIVES,
     OF_FULL_DRIVE,
@@ -48,7 +48,7 @@ from rig.drivers.controller import (
     confirmed_off,
     wait_until_on,
 )
-from rig.drivers.identity import Identity, retry_once
+from rig.drivers.in_step import retry_once
 from rig.drivers.scpi import ScpiLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport

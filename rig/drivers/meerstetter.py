@@ -23,7 +23,7 @@ from math import isfinite
 from typing import Any, ClassVar
 
 from rig.core.errors import Corrupt, InstrumentError, Refused, TimedOut
-from rig.core.reading import Quality, Reading
+from rig.core.reading import Identity, Quality, Reading
 from rig.drivers.controller import (
     CURRENTS,
     OFF_S,
@@ -38,7 +38,6 @@ from rig.drivers.controller import (
     wait_until,
     wait_until_on,
 )
-from rig.drivers.identity import Identity
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 

@@ -13,32 +13,34 @@ from inspect import signature
 from math import isfinite
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, NamedTuple, cast, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, cast, get_args, get_origin, get_type_hints
 
 from rig.core.clock import Clock
 from rig.core.errors import InstrumentError, called
-from rig.drivers.controller import TemperatureController
-from rig.drivers.formula import FormulaMeter, check_output, formula
-from rig.drivers.identity import Identity
-from rig.drivers.meter import Meter
+from rig.core.reading import Identity
+from rig.drivers.controller import OwnField, TemperatureController
+from rig.drivers.meter import FormulaMeter, Meter, check_output, formula
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Port, Transport, not_understood
 
-# role and class of each driver by its name, which is that of its module in rig.drivers, too; in the order in which they
-# ask at a port (`tries`): those whose frames have a checksum first
+if TYPE_CHECKING:
+    from compensator.control.pid import OwnPid
+
+# role, module and class of each driver by its name, in the order in which they ask at a port (`tries`): those whose
+# frames have a checksum first
 DRIVERS = {
-    "meerstetter": ("controller", "MeerstetterController"),
-    "te_technology": ("controller", "TeTechnologyController"),
-    "keithley2000": ("meter", "Keithley2000Meter"),
-    "keithley2400": ("meter", "Keithley2400Meter"),
-    "keithley2450": ("meter", "Keithley2450Meter"),
-    "hp34401a": ("meter", "Hp34401AMeter"),
-    "lakeshore": ("controller", "LakeShoreController"),
-    "srs_ldc500": ("controller", "SrsLdc500Controller"),
-    "tclab": ("controller", "TcLabController"),
+    "meerstetter": ("controller", "meerstetter", "MeerstetterController"),
+    "te_technology": ("controller", "te_technology", "TeTechnologyController"),
+    "keithley2000": ("meter", "scpi_meters", "Keithley2000Meter"),
+    "keithley2400": ("meter", "scpi_meters", "Keithley2400Meter"),
+    "keithley2450": ("meter", "scpi_meters", "Keithley2450Meter"),
+    "hp34401a": ("meter", "scpi_meters", "Hp34401AMeter"),
+    "lakeshore": ("controller", "lakeshore", "LakeShoreController"),
+    "srs_ldc500": ("controller", "srs_ldc500", "SrsLdc500Controller"),
+    "tclab": ("controller", "tclab", "TcLabController"),
 }
-CONTROLLERS = sorted(name for name, (role, _) in DRIVERS.items() if role == "controller")
-METERS = sorted(name for name, (role, _) in DRIVERS.items() if role == "meter")
+CONTROLLERS = sorted(name for name, (role, *_) in DRIVERS.items() if role == "controller")
+METERS = sorted(name for name, (role, *_) in DRIVERS.items() if role == "meter")
 
 OF_THE_LINE = ("baud", "framing")  # options that are not the driver's
 OF_A_FORMULA = ("formula", "output", "range_V")  # nor these, of a meter
@@ -46,17 +48,8 @@ OF_A_FORMULA = ("formula", "output", "range_V")  # nor these, of a meter
 # ones each reading of a simulation would be up to two milliseconds earlier or later than the time before
 FIRST_NUMBERS = ("first_token", "first_sequence")
 # that a user-defined controller may lack
-OPTIONAL = {
-    "transport",
-    "confirms_off_by",
-    "dead_man_s",
-    "clear_error",
-    "NAME",
-    "LARGEST_CURRENT",
-    "drive_unit",
-    "cools",
-}
-OPTIONAL |= {"current_limit_A", "temperature_limits_degC"}
+OPTIONAL = {"transport", "confirms_off_by", "dead_man_s", "clear_error", "NAME", "LARGEST_CURRENT", "drive_unit"}
+OPTIONAL |= {"cools", "current_limit_A", "temperature_limits_degC"}
 IN_WORDS = {int: "a whole number", float: "a finite number", str: "text in quotes", bool: "true or false"}
 OpenPort = Callable[[str, LineSettings], Any]
 
@@ -90,7 +83,8 @@ def _driver_class(role: str, name: str) -> Any:
     known = CONTROLLERS if role == "controller" else METERS
     if name not in known:
         raise ValueError(f"{role} {name!r} is not known; there are {', '.join(known)}")
-    return getattr(import_module(f"rig.drivers.{name}"), DRIVERS[name][1])
+    _, module, kind = DRIVERS[name]
+    return getattr(import_module(f"rig.drivers.{module}"), kind)
 
 
 def _own_class(role: str, name: str) -> Any:
@@ -176,7 +170,7 @@ def open_meter(name: str, port: str, clock: Clock, *, open_port: Any = open_port
     """Open the meter `name` at `port`; otherwise as `open_controller`.
 
     With the options `formula`, `output` and `range_V` it reads a voltage that stands for another quantity
-    (`rig.drivers.formula`).
+    (`rig.drivers.meter`).
     """
     wrapped = {key: options.pop(key) for key in OF_A_FORMULA if key in options}
     if wrapped:
@@ -233,7 +227,7 @@ def searches(port: str) -> list[tuple[str, str, dict[str, Any]]]:
     end in LF, as those on VISA's buses do.
     """
     found: list[tuple[str, str, dict[str, Any]]] = []
-    for name, (role, _) in DRIVERS.items():
+    for name, (role, *_) in DRIVERS.items():
         kind = _driver_class(role, name)
         if not port.startswith("visa://") or getattr(kind, "ON_VISA", True):
             asked_with: tuple[dict[str, Any], ...] = getattr(kind, "SEARCH", ({},))
@@ -264,3 +258,32 @@ def tries(
             return
         finally:
             heard.close()
+
+
+# ---- a controller's own PID: a textbook one is taken, as no maker says what law is in the instrument ---
+
+
+def own_fields(driver: str, options: Mapping[str, Any], pid: OwnPid, limit: float) -> list[OwnField] | None:
+    """Return a PID in the fields of a driver's instrument; None if it has none of its own, or one not known here.
+
+    limit: the current (A, or share of full drive) that is 100 % of the output.
+    """
+    make = getattr(controller_class(driver), "own_fields", None)
+    return None if make is None else list(make(options, pid.kp_A_per_K, pid.ti_s, pid.td_s, limit))
+
+
+def configured_pid(driver: str, options: Mapping[str, Any], limit: float) -> OwnPid | None:
+    """Return the PID that a configuration's options set; None if they do not give all of it."""
+    from compensator.control.pid import OwnPid
+
+    fields = own_fields(driver, options, OwnPid(1.0, 1.0), limit)
+    if fields is None or any(options.get(field.option) is None for field in fields):
+        return None
+    return set_pid([replace(field, value=float(options[field.option])) for field in fields], driver, limit)
+
+
+def set_pid(fields: list[OwnField], driver: str, limit: float) -> OwnPid:
+    """Return the PID that the fields set."""
+    from compensator.control.pid import OwnPid
+
+    return OwnPid(*controller_class(driver).own_pid(limit, **{field.option: field.value for field in fields}))

@@ -33,10 +33,9 @@ from math import nan
 from typing import Any, ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused
-from rig.core.reading import Quality, Reading
+from rig.core.reading import Identity, Quality, Reading
 from rig.drivers.controller import DRIVES, OF_FULL_DRIVE, OFF_S, Status, TemperatureController, confirmed_off
-from rig.drivers.identity import Identity, retry_once
-from rig.drivers.in_step import RESYNCHRONISATIONS, SteppedLink
+from rig.drivers.in_step import RESYNCHRONISATIONS, SteppedLink, retry_once
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 

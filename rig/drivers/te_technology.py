@@ -46,7 +46,7 @@ from math import nan
 from typing import Any, ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
-from rig.core.reading import Quality, Reading
+from rig.core.reading import Identity, Quality, Reading
 from rig.drivers.controller import (
     OFF_S,
     SETPOINTS,
@@ -60,8 +60,7 @@ from rig.drivers.controller import (
     wait_for_status,
     wait_until_on,
 )
-from rig.drivers.identity import Identity, retry_once
-from rig.drivers.in_step import RESYNCHRONISATIONS, SteppedLink
+from rig.drivers.in_step import RESYNCHRONISATIONS, SteppedLink, retry_once
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 

@@ -36,7 +36,7 @@ from rig.config.configuration import Configuration
 from rig.config.model_file import Model
 from rig.control.law_units import COMPENSATED, chain_observer
 from rig.drivers.controller import OwnField
-from rig.drivers.own_gains import configured_pid, own_fields, set_pid
+from rig.drivers.registry import configured_pid, own_fields, set_pid
 from rig.experiment.tracking import law_and_design
 
 

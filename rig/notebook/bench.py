@@ -28,9 +28,8 @@ from rig.config.toml_file import read_toml
 from rig.core.faults import fault
 from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.core.python_words import in_python
-from rig.core.reading import Reading
+from rig.core.reading import Identity, Reading
 from rig.drivers.controller import TemperatureController
-from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, settled_reading
 from rig.experiment import session
 from rig.experiment.feasibility import target_and_model

@@ -16,10 +16,10 @@ from rig.config.configuration import read_configuration
 from rig.core.errors import Disconnected
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff
+from rig.core.reading import Identity
 from rig.daemon.configurations import admit, by_text
 from rig.daemon.http_server import Refusal, Requests
 from rig.drivers.controller import TemperatureController
-from rig.drivers.identity import Identity
 from rig.experiment.feasibility import still_to_come
 from rig.history import reading
 from rig.ports.protocol_sim import unregister

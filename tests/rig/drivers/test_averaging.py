@@ -9,10 +9,9 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, Refused
-from rig.drivers.formula import FormulaMeter
-from rig.drivers.meter import Averaging
+from rig.drivers.meter import Averaging, FormulaMeter
 from rig.drivers.registry import open_meter
-from rig.drivers.scpi_meter import set_filter
+from rig.drivers.scpi_meters import set_filter
 from sim.instruments.hp34401a import Hp34401A
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2000 import Keithley2000

@@ -11,7 +11,7 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
-from rig.drivers.scpi_meter import set_filter
+from rig.drivers.scpi_meters import set_filter
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import METERS, emulated_controller, emulated_meter
 from tests.rig.drivers.conversation import Conversation, scripted

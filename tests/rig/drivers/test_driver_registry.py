@@ -133,7 +133,7 @@ def test_only_the_driver_that_is_asked_for_is_imported() -> None:
         "import sys, rig.drivers.registry as r; from rig.core.clock import VirtualClock\n"
         "try: r.open_controller('meerstetter', 'sim://nobody', VirtualClock())\n"
         "except Exception: pass\n"
-        "print('rig.drivers.meerstetter' in sys.modules, 'rig.drivers.keithley2000' in sys.modules,"
+        "print('rig.drivers.meerstetter' in sys.modules, 'rig.drivers.scpi_meters' in sys.modules,"
         " 'sim.instruments.keithley2000' in sys.modules, 'numpy' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

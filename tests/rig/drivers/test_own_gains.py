@@ -8,8 +8,7 @@ import pytest
 
 from compensator.control.pid import OwnPid
 from rig.core.clock import VirtualClock
-from rig.drivers.own_gains import configured_pid, own_fields, set_pid
-from rig.drivers.registry import open_controller
+from rig.drivers.registry import configured_pid, open_controller, own_fields, set_pid
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller
 from tests.rig.drivers.still_plant import StillPlant

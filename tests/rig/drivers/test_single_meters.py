@@ -11,9 +11,9 @@ import pytest
 from rig.core.clock import VirtualClock
 from rig.core.errors import OutOfStep, Refused
 from rig.core.reading import Quality
-from rig.drivers.keithley2400 import TEST_CURRENTS_A
 from rig.drivers.meter import resistance_reading
 from rig.drivers.registry import open_meter
+from rig.drivers.scpi_meters import SourceMeter
 from rig.ports import protocol_sim
 from sim.instruments.hp34401a import Hp34401A
 from sim.instruments.instrument import Instrument
@@ -116,7 +116,7 @@ def test_test_currents_of_the_manual(smu: Any, plant: StillPlant, name: str) -> 
     """Table on page 4-14; not verified for the 2450."""
     smu.switch_output(True)
     smu.enabled, smu.function, smu.settings["RES:MODE"] = {"RES"}, "RES", "AUTO"
-    for full_scale_ohm, current_A in TEST_CURRENTS_A.items():
+    for full_scale_ohm, current_A in SourceMeter.TEST_CURRENTS_A.items():
         smu.choose_range(full_scale_ohm)
         assert plant.test_current_A == current_A
 

@@ -16,8 +16,7 @@ from rig.core.clock import VirtualClock
 from rig.core.errors import Overrange
 from rig.core.faults import Faults
 from rig.core.reading import Quality, Reading
-from rig.drivers.formula import formula
-from rig.drivers.meter import column_of, film_output
+from rig.drivers.meter import column_of, film_output, formula
 from rig.drivers.registry import METERS, open_meter
 from rig.records.record_file import read_record
 from sim.instruments.instrument import Instrument

@@ -1,4 +1,6 @@
-"""A SCPI meter: resistance ranges by test current, a voltage range, a reading that is asked for twice.
+"""SCPI meters: Keithley 2000, HP 34401A, Keithley 2400 and 2450, and what they share.
+
+Resistance ranges go by test current; there is a voltage range, too; a reading is asked for twice.
 
 The instrument's own autorange would pick the test current by itself; here the driver picks the range, so that the test
 current never exceeds what was allowed and is known for every reading. A reading asks for its value twice: without a
@@ -17,12 +19,21 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from math import isfinite, isnan, nan
+from types import MappingProxyType
 from typing import ClassVar, NamedTuple
 
-from rig.core.errors import Corrupt, OutOfStep, Refused
-from rig.core.reading import Quality, Reading
-from rig.drivers.identity import Identity, retry_once
-from rig.drivers.meter import LINE_PERIOD_S, LOG_RESISTANCE, Averaging, Meter, resistance_reading, voltage_reading
+from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
+from rig.core.reading import Identity, Quality, Reading
+from rig.drivers.in_step import retry_once
+from rig.drivers.meter import (
+    LINE_PERIOD_S,
+    LOG_RESISTANCE,
+    OVERFLOW,
+    Averaging,
+    Meter,
+    resistance_reading,
+    voltage_reading,
+)
 from rig.drivers.scpi import ScpiLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
@@ -32,6 +43,7 @@ RESOLVED = 300.0  # of a range's full scale: below that share bench meters are s
 COMMAND_S = 0.002  # from the terminator to the beginning of the integration, nominal
 APERTURES, MARGIN_S = 4.0, 0.3  # an answer may take as many integrations (auto-zero adds some), and the rest
 OFF_ATTEMPTS = 3
+CURRENT_TOLERANCE = 0.05  # of a source meter's test current, between the table and the reply
 BEYOND = re.compile(r"[+-]?9\.9\d*[Ee]\+?37")  # 9.9E37 and 9.91E37 with as many digits as an instrument likes
 Expected = float | str | Callable[[str], bool]  # answer to a question for a setting
 
@@ -48,12 +60,12 @@ class Setting(NamedTuple):
 class ScpiMeter(Meter):
     """A `rig.drivers.meter.Meter`; the class attributes and hooks of each meter say how to speak to it.
 
-    line: settings that the port was opened with. test_currents_A: full scale, ohm -> test current, A. first_range_ohm:
-    where ranging begins. None: as the class says.
+    line: settings that the port was opened with.
 
-    LINK: how it is spoken to. MAKERS, MODELS: one of each is in the identity. NPLCS: least and largest integration
-    time. OVERRANGE: share of full scale that a range still shows. VOLTS: its name for DC volts. READ: the two questions
-    of a reading. NUMBER: form of a reading. AVERAGE: header of its filter, with its {function}; empty if it has none.
+    LINK: how it is spoken to. MAKERS, MODELS: one of each is in the identity. TEST_CURRENTS_A: full scale, ohm -> test
+    current, A, in rising order. FIRST_RANGE_OHM: where ranging begins. OVERRANGE: share of full scale that a range
+    still shows. VOLTS: its name for DC volts. READ: the two questions of a reading. NUMBER: form of a reading. AVERAGE:
+    header of its filter, with its {function}; empty if it has none.
     """
 
     LINE: ClassVar[LineSettings]
@@ -77,8 +89,6 @@ class ScpiMeter(Meter):
         transport: Transport,
         *,
         line: LineSettings | None = None,
-        test_currents_A: Mapping[float, float] | None = None,
-        first_range_ohm: float | None = None,
         first_token: int | None = None,
     ) -> None:
         self.transport = transport
@@ -88,11 +98,6 @@ class ScpiMeter(Meter):
             first_token=first_token,
             after_resynchronisation=self._check_after_doubt,
         )
-        if first_range_ohm is not None and first_range_ohm <= 0.0:
-            raise ValueError(f"first_range_ohm {first_range_ohm}: more than 0 is expected")
-        currents_A = self.TEST_CURRENTS_A if test_currents_A is None else test_currents_A
-        self._test_currents_A = dict(sorted(currents_A.items()))
-        self._first_range_ohm = self.FIRST_RANGE_OHM if first_range_ohm is None else first_range_ohm
         self._reads_volts = False
         self._ranges: list[float] = []  # full scales that may be used, ohm or V; empty before `configure`
         self._index = self._chosen = 0  # of the last reading's range, and of the next one's
@@ -152,7 +157,7 @@ class ScpiMeter(Meter):
         """Return the test current of the last reading's range, A; none flows for volts; nan before `configure`."""
         if not self._ranges:
             return nan
-        return 0.0 if self._reads_volts else self._test_currents_A[self._ranges[self._index]]
+        return 0.0 if self._reads_volts else self.TEST_CURRENTS_A[self._ranges[self._index]]
 
     @property
     def full_scale(self) -> float:
@@ -166,7 +171,7 @@ class ScpiMeter(Meter):
 
     def steady_test_current_A(self, least_ohm: float, largest_ohm: float, most_A: float) -> float:
         """Return the largest test current up to most_A that reads all resistances between these, A; nan for none."""
-        allowed_A = {ohm: current_A for ohm, current_A in self._test_currents_A.items() if current_A <= most_A}
+        allowed_A = {ohm: current_A for ohm, current_A in self.TEST_CURRENTS_A.items() if current_A <= most_A}
         first = next((ohm for ohm in allowed_A if largest_ohm <= RANGE_UP * ohm), nan)
         if self._reads_volts or isnan(first):
             return nan
@@ -187,11 +192,11 @@ class ScpiMeter(Meter):
     def configure(self, four_wire: bool, nplc: float, max_test_current_A: float) -> None:
         """Set function, integration time, and ranges whose test current is allowed; Refused if it reads back else."""
         self._check_nplc(nplc)
-        allowed = [ohm for ohm, current_A in self._test_currents_A.items() if current_A <= max_test_current_A]
+        allowed = [ohm for ohm, current_A in self.TEST_CURRENTS_A.items() if current_A <= max_test_current_A]
         if not allowed:
-            least_A = min(self._test_currents_A.values())
+            least_A = min(self.TEST_CURRENTS_A.values())
             raise ValueError(f"a test current of {max_test_current_A} A is below the least, {least_A} A")
-        nearest = min(allowed, key=lambda ohm: abs(ohm - self._first_range_ohm))
+        nearest = min(allowed, key=lambda ohm: abs(ohm - self.FIRST_RANGE_OHM))
         self._configure(self._function_for(four_wire), four_wire, nplc, allowed, nearest)
         self.most_test_current_A = max_test_current_A
 
@@ -376,3 +381,266 @@ def set_filter(link: ScpiLink, header: str, count: int) -> None:
             with suppress(Refused):
                 set_filter(link, header, 1)
         raise Refused(None, f"the meter's filter reads back {answers}, {expected} is expected")
+
+
+# ---- multimeters: the test current flows as long as a resistance function is chosen ------------------
+
+
+class Keithley2000Meter(ScpiMeter):
+    """Keithley 2000 multimeter as an ohmmeter on its RS-232 port; options as in `ScpiMeter`.
+
+    Source: Model 2000 User's Manual rev J p. 4-6, 4-38, 5-63. Set it to RS-232 at 19200 Bd with LF (or CRLF) at its
+    front panel; from the factory it listens to GPIB.
+    """
+
+    LINE = LineSettings(baudrate=19200)
+    NAME = "Keithley 2000"
+    MODELS = ("2000",)
+    AVERAGE = ":SENS:{function}:AVER"
+    # not verified on an instrument
+    TEST_CURRENTS_A = MappingProxyType(
+        {1e2: 1e-3, 1e3: 1e-3, 1e4: 1e-4, 1e5: 1e-5, 1e6: 1e-5, 1e7: 0.7e-6, 1e8: 0.7e-6}
+    )
+    VOLTS = "VOLT:DC"
+    QUOTE = "'"
+
+    def _settings(self, index: int) -> list[list[Setting]]:
+        function = [
+            Setting(f":CONF:{self._function}", ""),
+            Setting(":INIT:CONT", "0"),
+            Setting(":TRIG:COUN", "1"),
+            Setting(":SENS:FUNC", None, self._function),
+            self._of_function("NPLC", f"{self._nplc:g}", self._nplc),
+        ]
+        return [function, self._of_range(index)]
+
+
+class Hp34401ALink(ScpiLink):
+    """The line of an HP 34401A."""
+
+    END = b"\n"
+    ABORT = b"\x03"
+    CLEAR_S = 0.05
+    WAKE = b"SYST:REM"
+
+
+class Hp34401AMeter(ScpiMeter):
+    """HP / Agilent 34401A multimeter as an ohmmeter on its RS-232 port; options as in `ScpiMeter`.
+
+    Source: 34401A User's Guide, RS-232 section p. 149 to 152. NOT verified on an instrument: its framing as shipped (7
+    bits, even parity); two stop bits are fixed.
+
+    It holds its sender off by DTR, of which a serial port on Linux takes no notice. So there is one outstanding
+    question at any time, no message is longer than 100 characters, and after ^C there is a pause. It wants to be in
+    remote mode first (SYSTem:REMote), and forgets that when it is switched off. `READ?` does not keep its readings:
+    here they are initiated, and fetched twice. At 9600 Bd the 70 characters of a reading take 80 ms: with NPLC 1 a
+    period of 0.2 s is right.
+    """
+
+    LINE = LineSettings(baudrate=9600, bytesize=7, parity="E", stopbits=2)
+    LINK = Hp34401ALink
+    NAME = "HP 34401A"
+    MAKERS = ("HEWLETT", "AGILENT", "KEYSIGHT")
+    MODELS = ("34401",)
+    # not verified on an instrument
+    TEST_CURRENTS_A = MappingProxyType({1e2: 1e-3, 1e3: 1e-3, 1e4: 1e-4, 1e5: 1e-5, 1e6: 5e-6, 1e7: 5e-7, 1e8: 5e-7})
+    READ = "INIT;FETC?;FETC?"
+    SENSE = ":"
+    NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)  # that it has
+
+    def _check_nplc(self, nplc: float) -> None:
+        if nplc not in self.NPLCS:
+            choice = ", ".join(f"{one:g}" for one in self.NPLCS)
+            raise ValueError(f"{nplc} power line cycles: one of {choice} is expected")
+
+    def _settings(self, index: int) -> list[list[Setting]]:
+        function = [
+            Setting(f":CONF:{self._function}", ""),
+            Setting(":TRIG:COUN", "1"),
+            Setting(":SAMP:COUN", "1"),
+            Setting(":FUNC", None, self._function),
+            self._of_function("NPLC", f"{self._nplc:g}", self._nplc),
+        ]
+        automatic, in_range = self._of_range(index)
+        return [function, [automatic._replace(value=None), in_range]]  # a range ends the automatic one here
+
+
+# ---- source meters: the test current flows as long as the output is on -------------------------------
+
+
+class SourceMeter(ScpiMeter):
+    """An ohmmeter that sources its test current through the film while its output is on.
+
+    Only ranges whose current is allowed are used (100 mA in the lowest!), and every reply carries the current that was
+    sourced, which has to be the range's. `off` and `close` switch the output off. If it is found off, switched by hand
+    or by an interlock, a reading is Refused with the instrument's own error, and the next one switches it on again. For
+    volts it sources 0 A.
+    """
+
+    # in auto-ohms (2400 series manual p. 4-14); not verified for the 2450, where one that differs is an error
+    TEST_CURRENTS_A = MappingProxyType(
+        {20.0: 100e-3, 200.0: 10e-3, 2e3: 1e-3, 2e4: 100e-6, 2e5: 10e-6, 2e6: 1e-6, 2e7: 1e-6, 2e8: 100e-9}
+    )
+    FIRST_RANGE_OHM = 2e5
+    VOLTAGE_RANGES_V = (0.2, 2.0, 20.0, 200.0)
+    OVERRANGE = 1.05
+    _stays_on = True  # between readings
+    _output_is_on = False
+
+    def start_reading(self) -> None:
+        """Begin a reading; switch the output on if it has to be."""
+        if self._ranges:
+            self.link.be_in_step()
+            if self._rests:
+                self._apply()
+            if self._stays_on and not self._output_is_on:
+                self.link.command(":OUTP ON")
+                self._output_is_on = True
+        super().start_reading()
+
+    def finish_reading(self) -> Reading:
+        """Return the reading that was begun, ohm. Refused, from the error queue, if there was none."""
+        try:
+            return super().finish_reading()
+        except TimedOut:
+            self.link.explain_silence(self._message)
+            raise
+
+    def off(self) -> bool:
+        """Switch the output off until the next reading; return True only if that reads back. Never raises."""
+        self._output_is_on = False
+        return super().off()
+
+    def close(self) -> None:
+        """Switch the output off, as well as that can be done, and let go of the port. Never raises."""
+        self.off()
+        super().close()
+
+    def _function_for(self, four_wire: bool) -> str:
+        return "RES"
+
+    def _apply(self) -> None:
+        self._output_is_on = False
+        super()._apply()
+
+    def _rest(self) -> bool:
+        return is_number(self.link.ask(":OUTP OFF;:OUTP?"), 0.0)
+
+    def _value(self, text: str) -> float:
+        if self._reads_volts:
+            return super()._value(text)
+        current_text, _, resistance_text = text.partition(",")
+        current_A, resistance_ohm = super()._value(current_text), super()._value(resistance_text)
+        if resistance_ohm >= OVERFLOW:  # into an open film it cannot source its current
+            return resistance_ohm
+        expected_A = self.test_current_A
+        if abs(current_A - expected_A) > CURRENT_TOLERANCE * expected_A:
+            self.link.doubt()
+            raise OutOfStep(f"the meter sourced {current_A:g} A, and {expected_A:g} A belong to its range")
+        return resistance_ohm
+
+
+class Keithley2400Meter(SourceMeter):
+    """Keithley 2400 SourceMeter as an ohmmeter on its RS-232 port.
+
+    Sources: 2400 series manual p. 4-4, 4-14 (auto-ohms, four wires), 14-14, 18-51 (elements of a reply, and the numbers
+    for overflow and for not measured), 18-61. Set it to RS-232 at 57600 Bd with LF (or CRLF) at its front panel; from
+    the factory it has 9600 Bd, at which the 90 characters of a reading take 94 ms (option `baud`).
+
+    output_between_readings: whether the output stays on from the first reading (and the film's self-heating with it) or
+    is on during a reading only.
+    """
+
+    LINE = LineSettings(baudrate=57600)
+    NAME = "Keithley 2400"
+    MODELS = ("2400", "2401")
+    AVERAGE = ":SENS:AVER"
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        output_between_readings: bool = True,
+        line: LineSettings | None = None,
+        first_token: int | None = None,
+    ) -> None:
+        super().__init__(transport, line=line, first_token=first_token)
+        self._stays_on = output_between_readings
+
+    def _settings(self, index: int) -> list[list[Setting]]:
+        name, elements = self._function, "VOLT" if self._reads_volts else "CURR,RES"
+        source = [Setting(":SOUR:FUNC", "CURR", "CURR"), Setting(":SOUR:CURR", "0")] if self._reads_volts else []
+        limit = [self._of_function("PROT", f"{1.05 * self._ranges[index]:g}")] if self._reads_volts else []
+        mode = [] if self._reads_volts else [self._of_function("MODE", "AUTO", "AUTO")]
+        return [
+            [Setting("*RST", "")],
+            [
+                *source,
+                # others are measured, too
+                Setting(":SENS:FUNC", f'"{name}"', lambda text: f'"{name}' in text.replace("'", '"')),
+                *mode,
+                self._of_function("NPLC", f"{self._nplc:g}", self._nplc),
+                Setting(":SYST:RSEN", "ON" if self._four_wire else "OFF", float(self._four_wire)),
+            ],
+            [*limit, *self._of_range(index)],
+            [
+                Setting(":FORM:ELEM", elements, lambda text: text.replace(" ", "") == elements),
+                Setting(":SOUR:CLE:AUTO", f"{0 if self._stays_on else 1}", float(not self._stays_on)),
+                Setting(":OUTP", None, float(self._output_is_on)),
+            ],
+        ]
+
+
+class Keithley2450Link(ScpiLink):
+    """The line of a Keithley 2450."""
+
+    END = b"\n"
+    ABORT = b""
+
+
+class Keithley2450Meter(SourceMeter):
+    """Keithley 2450 SourceMeter as an ohmmeter, on its network socket, on USB or on GPIB; options as in `ScpiMeter`.
+
+    Sources: Model 2450 reference manual 2450-901-01, section 6 (:READ? p. 6-6, :FORMat p. 6-28, :SENSe p. 6-50 on,
+    :OUTPut) and appendix B (*ESE). Port: `socket://HOST:5025`, or `visa://USB0::...::INSTR` and
+    `visa://GPIB0::18::INSTR` with the extra `visa`. Its command set has to be SCPI (from the factory), not that of the
+    2400. Not verified on an instrument: the error of an output that is off.
+    """
+
+    LINE = LineSettings(baudrate=115200)  # no line of its own has a baud rate
+    LINK = Keithley2450Link
+    NAME = "Keithley 2450"
+    MODELS = ("2450",)
+    AVERAGE = ":SENS:{function}:AVER"
+    ELEMENTS = '"defbuffer1",SOUR,READ'
+    READ = f":READ? {ELEMENTS};:FETC? {ELEMENTS}"
+    NUMBER = re.compile(r"[+-]?\d\.\d{4,10}E[+-]\d\d")
+    DIGITS = 8  # significant ones of a number
+
+    def _settings(self, index: int) -> list[list[Setting]]:
+        name, limit_V = self._function, f"{1.05 * self._ranges[index]:g}"
+        source = [
+            Setting(":SOUR:FUNC", "CURR", "CURR"),
+            Setting(":SOUR:CURR", "0"),
+            Setting(":SOUR:CURR:VLIM", limit_V),
+        ]
+        return [
+            [Setting("*RST", "")],
+            *([source] if self._reads_volts else []),
+            [
+                Setting(":SENS:FUNC", f'"{name}"', lambda text: text.strip("\"'").partition(":")[0] == name),
+                self._of_function("NPLC", f"{self._nplc:g}", self._nplc),
+                self._of_function("RSEN", f"{int(self._four_wire)}", float(self._four_wire)),
+            ],
+            [
+                *self._of_range(index),
+                Setting(":FORM:ASC:PREC", f"{self.DIGITS}", self.DIGITS),
+                Setting(":OUTP", None, float(self._output_is_on)),
+            ],
+        ]
+
+    def _value(self, text: str) -> float:
+        source, comma, reading = (part.strip() for part in text.partition(","))
+        if self._reads_volts and comma:
+            return super()._value(reading)
+        return super()._value(f"{source}{comma}{reading}")
