@@ -30,13 +30,11 @@ from rig.safety.signals import SignalStop
 from rig.safety.switching_off import off_confirmed, switch_off
 from sim.effects.effect import Switched, switched
 from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
-from sim.instruments.instrument import Instrument
-from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter, emulator_options
+from sim.instruments.instrument import EMULATORS, Instrument, emulated, emulator_options
 from sim.model.film_side import Film
 from sim.model.links import links_of
 from sim.world.films import PreisachFilm, film_of_world
-from sim.world.plant import SimulatedPlant
-from sim.world.world import Detector, World
+from sim.world.plant import Detector, SimulatedPlant, World
 
 
 def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:
@@ -302,9 +300,8 @@ def emulated_instruments(
     if c.bench.meter is not None:
         roles.append(("meter", c.bench.meter))
     for role, table in roles:
-        known = CONTROLLERS if role == "controller" else METERS
-        if table.driver not in known:
-            expected = f"{table.driver!r} has no emulator; there are {', '.join(known)}"
+        if table.driver not in EMULATORS:
+            expected = f"{table.driver!r} has no emulator; there are {', '.join(EMULATORS)}"
             raise fault(file.path, f"bench.{role}.driver", expected)
         driver = controller_class(table.driver) if role == "controller" else meter_class(table.driver)
         try:
@@ -312,13 +309,12 @@ def emulated_instruments(
         except ValueError as error:
             raise fault(file.path, f"bench.{role}.options", str(error)) from None
     plant = SimulatedPlant(simulated_world(file), start_s) if plant is None else plant
-    make = {"controller": emulated_controller, "meter": emulated_meter}
-    return [(role, t.driver, make[role](t.driver, plant, start_s, **_shared(role, t))) for role, t in roles]
+    return [(role, table.driver, emulated(table.driver, plant, start_s, **_shared(table))) for role, table in roles]
 
 
-def _shared(role: str, table: ControllerTable | MeterTable) -> dict[str, Any]:
+def _shared(table: ControllerTable | MeterTable) -> dict[str, Any]:
     """Return the driver's options that its emulator has too, such as a model or an address."""
-    known = emulator_options(role, table.driver)
+    known = emulator_options(table.driver)
     return {name: value for name, value in table.options.items() if name in known}
 
 

@@ -234,7 +234,7 @@ class HeatSinkTable(Table):
 
 
 class DetectorTable(Table):
-    """[simulation.detector]: a voltmeter's reading of the film's output, see sim.world.world."""
+    """[simulation.detector]: a voltmeter's reading of the film's output, see sim.world.plant."""
 
     volts_per_unit: Number
     offset_V: Number = 0.0

@@ -37,7 +37,7 @@ from pydantic import SecretStr
 
 from rig.config.configuration import read_configuration
 from rig.core.faults import Faults
-from rig.core.file_lock import locked, tell_holder
+from rig.core.file_writing import locked, tell_holder
 from rig.core.json_text import parsed_json
 from rig.daemon.announcer import encoded, sent_event
 from rig.daemon.client import CALIBRATION, Refusal

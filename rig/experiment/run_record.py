@@ -19,9 +19,9 @@ from rig.bench.assembly import Bench, OutputOff
 from rig.config.configuration import ConfigurationFile
 from rig.control.decision import Onlooker
 from rig.control.loop import Loop
-from rig.core.columns import OF_A_RUN
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
+from rig.core.reading import OF_A_RUN
 from rig.drivers.controller import drive_unit
 from rig.drivers.meter import LOG_RESISTANCE
 from rig.guard.pipe import add_guard_death

@@ -12,7 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from rig.core.columns import KEPT
+from rig.core.reading import KEPT
 from rig.history.store import BUCKETS_S, connect_to_read
 
 MOST_POINTS = 5000  # of a curve: more than a screen has pixels side by side

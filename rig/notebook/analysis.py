@@ -21,8 +21,7 @@ from rig.analysis.prediction import ChannelError, Prediction, compared, require_
 from rig.analysis.transition import FilmNumbers
 from rig.config.effect_tables import add_effect_files, check_assumed_effects
 from rig.config.model_file import Model
-from rig.core.faults import fault
-from rig.core.python_words import in_python, python_words
+from rig.core.faults import fault, in_python, python_words
 from rig.notebook.files import as_model, as_record, as_records
 from rig.records.film_output import FALLING_RESISTANCE
 from rig.records.record import Record

@@ -25,9 +25,8 @@ from rig.bench.assembly import open_bench as assembled
 from rig.config.configuration import ConfigurationFile, configuration_of
 from rig.config.model_file import Model
 from rig.config.toml_file import read_toml
-from rig.core.faults import fault
+from rig.core.faults import fault, in_python
 from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
-from rig.core.python_words import in_python
 from rig.core.reading import Identity, Reading
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, settled_reading

@@ -11,8 +11,7 @@ from typing import Any
 from rig.config.model_file import Model
 from rig.config.model_file import read_model as read_model_file
 from rig.config.model_file import write_model as write_model_file
-from rig.core.faults import fault
-from rig.core.python_words import in_python
+from rig.core.faults import fault, in_python
 from rig.records.branches import RowOrder, join_branches
 from rig.records.column_names import ColumnMapping
 from rig.records.conversion import record_from_arrays, record_from_frame

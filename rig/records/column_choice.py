@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.core.columns import GUESSED, OF_A_RECORD
+from rig.core.reading import GUESSED, OF_A_RECORD
 from rig.records.branches import has_repeated_names
 from rig.records.column_names import (
     ColumnMapping,

@@ -13,7 +13,7 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from rig.core.columns import OF_A_RECORD
+from rig.core.reading import OF_A_RECORD
 from rig.core.faults import fault
 from rig.records.numbers import (
     CONDUCTANCES,

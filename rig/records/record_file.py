@@ -1,6 +1,6 @@
 """Records in files: read as labs write them, written as CSV with one header line and units in the names.
 
-A record of ours has the names of `rig.core.columns.OF_A_RECORD`, in any order; more columns are kept. Names and units
+A record of ours has the names of `rig.core.reading.OF_A_RECORD`, in any order; more columns are kept. Names and units
 of another record are taken if they are clear; otherwise the fault says which --column to type (docs/records.md).
 
 A file's first bytes decide what it is, not its name. In the encodings before UTF-8 numbers are the same bytes and only

@@ -25,7 +25,7 @@ from rig.analysis.error import (
     target_error,
     tracked,
 )
-from rig.core.columns import OF_A_RUN
+from rig.core.reading import OF_A_RUN
 from rig.records.record_file import read_record
 from rig.records.run_folder import (
     CALIBRATION,

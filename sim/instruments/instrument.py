@@ -11,7 +11,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import ClassVar, Protocol
+from importlib import import_module
+from inspect import signature
+from typing import Any, ClassVar, Protocol, cast
 
 
 class Plant(Protocol):
@@ -119,3 +121,34 @@ class SerialInstrument:
     def _next_reply_s(self) -> float | None:
         """Return when the work under way will have a reply, s; None if there is none."""
         raise NotImplementedError
+
+
+# ---- emulators by name ------------------------------------------------------------------------------
+
+# module and class in sim.instruments by the driver's name; only the one that is asked for is imported
+EMULATORS = {
+    "hp34401a": ("multimeters", "Hp34401A"),
+    "keithley2000": ("multimeters", "Keithley2000"),
+    "keithley2400": ("source_meters", "Keithley2400"),
+    "keithley2450": ("source_meters", "Keithley2450"),
+    "lakeshore": ("lakeshore", "LakeShore"),
+    "meerstetter": ("meerstetter", "MeerstetterTec"),
+    "srs_ldc500": ("srs_ldc500", "SrsLdc500"),
+    "tclab": ("tclab", "TcLab"),
+    "te_technology": ("te_technology", "TeTechnology"),
+}
+
+
+def emulated(name: str, plant: Plant, start_s: float = 0.0, **options: Any) -> Instrument:
+    """Return the emulator for a driver's name on a plant; options go to it. KeyError for an unknown name."""
+    return cast(Instrument, _emulator(name)(plant, start_s=start_s, **options))
+
+
+def emulator_options(name: str) -> set[str]:
+    """Return the names of the options that an emulator has."""
+    return set(signature(_emulator(name)).parameters) - {"plant", "start_s"}
+
+
+def _emulator(name: str) -> Any:
+    module, kind = EMULATORS[name]
+    return getattr(import_module(f"sim.instruments.{module}"), kind)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import copysign, inf, isfinite, isinf, isnan
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from sim.instruments.instrument import Plant
 from sim.instruments.scpi import (
@@ -29,12 +29,12 @@ from sim.instruments.scpi import (
     unquoted,
 )
 
+LINE_PERIOD_S = 1.0 / 50.0  # NPLC counts these
 RESISTANCES, VOLTAGES = ("RES", "FRES"), ("VOLT", "VOLT:DC")  # functions that measure something of the plant
 OVERFLOW, NOT_A_NUMBER = 9.9e37, 9.91e37  # SCPI's numbers for what is none
 
 
-@dataclass(frozen=True, slots=True)
-class Range:
+class Range(NamedTuple):
     """A resistance range: full scale, ohm, and its fixed test current, A."""
 
     full_scale_ohm: float
@@ -79,21 +79,19 @@ REGISTERS = (  # of the status system
 class Meter(ScpiInstrument):
     """A meter with `settings` by name, one `function` at a time.
 
-    ranges: of resistance; None: the meter's own, and so for what follows. baudrate: of the line, 1/s; inf takes no
-    time. command_s: from a message's end until it acts. overhead_s: from the end of an integration until its reading is
-    there. line_frequency_Hz: NPLC counts its periods.
+    baudrate: of the line, 1/s, None: the meter's own; inf takes no time. command_s: from a message's end until it acts.
+    overhead_s: from the end of an integration until its reading is there.
 
-    FUNCTIONS: header of each by its name. SILENT: commands that do nothing here.
+    RANGES: full scale, ohm -> test current, A, in rising order. FUNCTIONS: header of each by its name. SILENT: commands
+    that do nothing here.
     """
 
-    RANGES: ClassVar[Sequence[Range]]
+    RANGES: ClassVar[Mapping[float, float]]
     VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.1, 1.0, 10.0, 100.0, 1000.0)
     FUNCTIONS: ClassVar[Mapping[str, str]]
     SETTINGS: ClassVar[Sequence[Setting]]
     SILENT: ClassVar[Sequence[str]]
     IDENTITY: ClassVar[str]
-    SERIAL_NUMBER: ClassVar[str] = "1234567"
-    REVISION: ClassVar[str]
     BAUDRATE: ClassVar[float]
     BITS_PER_CHARACTER: ClassVar[float] = 10.0
     TERMINATOR: ClassVar[bytes] = b"\n"
@@ -106,20 +104,15 @@ class Meter(ScpiInstrument):
         self,
         plant: Plant,
         *,
-        ranges: Sequence[Range] | None = None,
-        serial_number: str | None = None,
-        revision: str | None = None,
         baudrate: float | None = None,
-        terminator: bytes | None = None,
         command_s: float = 0.002,
         overhead_s: float = 0.004,
-        line_frequency_Hz: float = 50.0,
         start_s: float = 0.0,
     ) -> None:
         super().__init__(
             plant,
             byte_s=self.BITS_PER_CHARACTER / (self.BAUDRATE if baudrate is None else baudrate),
-            terminator=self.TERMINATOR if terminator is None else terminator,
+            terminator=self.TERMINATOR,
             command_s=command_s,
             start_s=start_s,
         )
@@ -129,13 +122,11 @@ class Meter(ScpiInstrument):
         self._wanted: list[str] = []
         self._stack: list[float] = []  # of the filter: the integrations of this reading
         self._last, self._fresh = "", False
-        self._ranges = self.RANGES if ranges is None else ranges
+        self._ranges = [Range(*one) for one in self.RANGES.items()]
         self._range_index = min(1, len(self._ranges) - 1)
-        self._line_period_s = 1.0 / line_frequency_Hz
         self.settings: dict[str, float | str] = {}
         self.function = ""
-        serial = self.SERIAL_NUMBER if serial_number is None else serial_number
-        self.identity = self.IDENTITY.format(serial, self.REVISION if revision is None else revision)
+        self.identity = self.IDENTITY
         for setting in self.SETTINGS:
             self._define_setting(setting)
         self._define_common()
@@ -317,7 +308,7 @@ class Meter(ScpiInstrument):
 
     def aperture_s(self) -> float:
         """Return how long a reading integrates, s: NPLC line periods."""
-        return float(self.settings[self.function + ":NPLC"]) * self._line_period_s
+        return float(self.settings[self.function + ":NPLC"]) * LINE_PERIOD_S
 
     def averaged(self) -> int:
         """Return of how many integrations a reading is the mean."""
@@ -403,53 +394,3 @@ class Meter(ScpiInstrument):
 
     def _finish(self) -> None:
         """Act on the end of all readings."""
-
-
-class Multimeter(Meter):
-    """A bench multimeter: resistance and DC voltage are measured, its other functions read 0.
-
-    TRIGGER: settings that CONFigure resets.
-    """
-
-    TRIGGER: ClassVar[tuple[str, ...]]
-
-    def digitize(self) -> str:
-        if self.measures_resistance:
-            value = self.sample_ohm()
-            if value is None:
-                return ""
-        elif self.function in VOLTAGES:
-            full_V = float(self.settings[self.function + ":RANG"])
-            automatic = self.settings[self.function + ":RANG:AUTO"]
-            value = self._plant.read_voltage_V()
-            if abs(value) > self.OVERRANGE * (self.VOLTAGE_RANGES_V[-1] if automatic else full_V):
-                value = copysign(inf, value)
-        else:
-            value = 0.0
-        return "%+.8E" % self.shown(self.filtered(value))  # noqa: UP031 - half the time of an f-string
-
-    def reset(self) -> None:
-        """See `Meter.reset`: DC volts, autorange, one reading a trigger."""
-        super().reset()
-        self.choose_function(next(iter(self.FUNCTIONS)))
-
-    def configure(self, function: str) -> None:
-        """Set a function's settings and the trigger to their defaults and choose it, as CONFigure does."""
-        self.abort()
-        for name, value in self.default_settings().items():
-            if name.startswith((function + ":", *self.TRIGGER)):
-                self.settings[name] = value
-        if function in RESISTANCES:
-            self._range_index = min(1, len(self._ranges) - 1)
-        self.choose_function(function)
-
-    def _define_measuring(self, count: Callable[[], int]) -> None:
-        """READ, FETCh, INITiate and ABORt. count: of the readings that a trigger makes."""
-        self._tree.define(":READ", ask=lambda _: self.read(count()))
-        self._tree.define(":FETCh", ask=lambda _: self.fetch())
-        self._define(":INITiate[:IMMediate]", lambda: self.store(count()))
-        self._define(":ABORt", self.abort)
-
-    def store(self, count: int) -> None:
-        """Begin `count` readings that can be fetched, as INITiate does."""
-        self.initiate(count)

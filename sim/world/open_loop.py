@@ -18,7 +18,7 @@ from sim.model.meter_power import since_the_row_before
 from sim.model.record_own import FilmStart, RecordOwn
 from sim.model.record_run import RecordRun, straight_path
 from sim.model.recorded import Rows
-from sim.world.world import World
+from sim.world.plant import World
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,8 +30,7 @@ from sim.model.operator_outputs import radius_floor
 from sim.model.record_own import FilmStart, RecordOwn
 from sim.model.record_run import RecordRun
 from sim.model.recorded import FINE
-from sim.world.plant import SimulatedPlant
-from sim.world.world import World
+from sim.world.plant import SimulatedPlant, World
 
 FIRST_DEGC, TEST_CURRENT_A = 57.0, 1e-4
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)

@@ -9,7 +9,7 @@ from compensator.thermal.plate import PlateModel
 from rig.config.effect_tables import typical_value
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, switched
-from sim.world.world import World
+from sim.world.plant import World
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
 FILM = FilmModel(

@@ -13,8 +13,7 @@ from sim.model.links import links_of
 from sim.model.ohmmeter import shown_in_rows
 from sim.world.films import PreisachFilm
 from sim.world.open_loop import Readings, film_readings, simulate_record
-from sim.world.plant import SimulatedPlant, stamp_s
-from sim.world.world import World
+from sim.world.plant import SimulatedPlant, World, stamp_s
 from tests.sim.small_chain import CURRENT, FILM, PLATE, TEST_CURRENT_A, TIME, on, world
 
 

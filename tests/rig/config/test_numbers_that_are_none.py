@@ -19,7 +19,7 @@ from rig.core.faults import Faults
 from rig.records.conversion import record_from_arrays
 from sim.inference.film.fit import identify_film
 from sim.inference.readings.temperature_path import temperature_path
-from sim.world.world import World
+from sim.world.plant import World
 from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii
 
 Peltier = Callable[..., tuple[int, str, str]]

@@ -12,11 +12,9 @@ from rig.core.errors import Corrupt, Refused
 from rig.drivers.meter import Averaging, FormulaMeter
 from rig.drivers.registry import open_meter
 from rig.drivers.scpi_meters import set_filter
-from sim.instruments.hp34401a import Hp34401A
 from sim.instruments.instrument import Instrument
-from sim.instruments.keithley2000 import Keithley2000
-from sim.instruments.keithley2400 import Keithley2400
-from sim.instruments.keithley2450 import Keithley2450
+from sim.instruments.multimeters import Hp34401A, Keithley2000
+from sim.instruments.source_meters import Keithley2400, Keithley2450
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]

@@ -11,9 +11,9 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
+from rig.drivers import registry
 from rig.drivers.scpi_meters import set_filter
-from sim.instruments.instrument import Instrument
-from sim.instruments.registry import METERS, emulated_controller, emulated_meter
+from sim.instruments.instrument import Instrument, emulated
 from tests.rig.drivers.conversation import Conversation, scripted
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -63,7 +63,7 @@ def drive_a_heater(controller: Any) -> None:
 
 
 ACTIONS: dict[str, Callable[[Any], None]] = {
-    **dict.fromkeys(METERS, read_ohms),
+    **dict.fromkeys(registry.METERS, read_ohms),
     "keithley2000 filter": lambda meter: set_filter(meter.link, ":SENS:FRES:AVER", 2),
     "srs_ldc500": read_and_switch_off,
     "lakeshore": read_and_switch_off,
@@ -87,7 +87,7 @@ def test_the_driver_holds_it(attach: Attach, clock: VirtualClock, name: str) -> 
 def test_the_emulator_holds_it(plant: StillPlant, name: str) -> None:
     plant.resistance_ohm = 23456.789
     driver = name.partition(" ")[0]
-    emulator = emulated_meter(driver, plant) if driver in METERS else emulated_controller(driver, plant)
+    emulator = emulated(driver, plant)
     for index, (request, reply) in enumerate(TALKS[name]):
         emulator.receive(request, float(index))
         assert emulator.transmit(index + 0.9) == reply

@@ -12,7 +12,7 @@ import pytest
 from rig.core.clock import VirtualClock
 from rig.drivers import registry as drivers
 from rig.ports.open import LineSettings
-from sim.instruments import registry as emulators
+from sim.instruments import instrument as emulators
 from sim.instruments.instrument import Instrument
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -27,13 +27,11 @@ def opened(name: str, port: str, clock: VirtualClock, **options: Any) -> Any:
 
 
 def emulated(name: str, plant: StillPlant, **options: Any) -> Instrument:
-    make = emulators.emulated_controller if name in CONTROLLERS else emulators.emulated_meter
-    return make(name, plant, **options)
+    return emulators.emulated(name, plant, **options)
 
 
 def test_both_registries_have_the_same_names() -> None:
-    assert tuple(sorted(emulators.CONTROLLERS)) == CONTROLLERS
-    assert tuple(sorted(emulators.METERS)) == METERS
+    assert sorted(emulators.EMULATORS) == sorted(CONTROLLERS + METERS)
 
 
 @pytest.mark.parametrize("name", CONTROLLERS + METERS)
@@ -63,7 +61,7 @@ def test_baud_reaches_the_port_and_the_link(attach: Attach, clock: VirtualClock,
 
 
 def test_a_model_has_its_own_line(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
-    address = attach(emulators.emulated_controller("te_technology", plant, model="tc-48-20"))
+    address = attach(emulators.emulated("te_technology", plant, model="tc-48-20"))
     driver = drivers.open_controller("te_technology", address, clock, model="tc-48-20")
     assert driver.transport.port.baudrate == 115200  # type: ignore[attr-defined]
 
@@ -125,7 +123,7 @@ def test_unknown_names() -> None:
         with pytest.raises(ValueError, match=f"'fluke' is not known; there are {', '.join(names)}"):
             open_one("fluke", "sim://x", VirtualClock())
     with pytest.raises(KeyError):
-        emulators.emulated_meter("fluke", StillPlant())
+        emulators.emulated("fluke", StillPlant())
 
 
 def test_only_the_driver_that_is_asked_for_is_imported() -> None:
@@ -134,7 +132,7 @@ def test_only_the_driver_that_is_asked_for_is_imported() -> None:
         "try: r.open_controller('meerstetter', 'sim://nobody', VirtualClock())\n"
         "except Exception: pass\n"
         "print('rig.drivers.meerstetter' in sys.modules, 'rig.drivers.scpi_meters' in sys.modules,"
-        " 'sim.instruments.keithley2000' in sys.modules, 'numpy' in sys.modules)"
+        " 'sim.instruments.multimeters' in sys.modules, 'numpy' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["True", "False", "False", "False"]

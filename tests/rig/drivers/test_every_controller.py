@@ -13,8 +13,7 @@ from rig.core.errors import OutOfStep, Refused
 from rig.core.reading import Quality
 from rig.drivers.controller import OwnLimits, cools, drive_unit
 from rig.drivers.registry import open_controller
-from sim.instruments.instrument import Instrument
-from sim.instruments.registry import emulated_controller
+from sim.instruments.instrument import Instrument, emulated
 from tests.rig.drivers.conversation import Conversation
 from tests.rig.drivers.still_plant import StillPlant
 from tests.rig.drivers.wire_cases import CONTROLLERS, Case
@@ -42,7 +41,7 @@ OWN_LIMITS = {  # that are read back after the configuration below
 
 @pytest.fixture
 def emulator(case: Case, plant: StillPlant) -> Any:
-    return emulated_controller(case.driver, plant, **case.emulator)
+    return emulated(case.driver, plant, **case.emulator)
 
 
 @pytest.fixture

@@ -14,8 +14,7 @@ from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
 from rig.core.reading import Quality
 from rig.drivers.meter import on_since_s, reading_in_words
 from rig.drivers.registry import open_meter
-from sim.instruments.instrument import Instrument
-from sim.instruments.registry import emulated_meter
+from sim.instruments.instrument import Instrument, emulated
 from tests.rig.drivers.still_plant import StillPlant
 from tests.rig.drivers.wire_cases import METERS, Case
 
@@ -25,7 +24,7 @@ pytestmark = pytest.mark.parametrize("case", METERS, ids=str)
 
 @pytest.fixture
 def emulator(case: Case, plant: StillPlant) -> Any:
-    return emulated_meter(case.driver, plant, **case.emulator)
+    return emulated(case.driver, plant, **case.emulator)
 
 
 @pytest.fixture

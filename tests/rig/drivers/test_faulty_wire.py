@@ -6,7 +6,7 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.drivers.registry import open_meter
-from sim.instruments.registry import emulated_meter
+from sim.instruments.instrument import emulated
 from tests.rig.drivers.faulty_wire import REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
 from tests.rig.drivers.still_plant import StillPlant
 from tests.rig.drivers.wire_cases import CONTROLLERS, METERS, Attach, Case, controller_on, exchange
@@ -52,7 +52,7 @@ def test_output_that_is_reported_off_is_off(clock: VirtualClock, attach: Attach,
 @pytest.mark.parametrize("seed", range(10))
 def test_test_current_that_is_reported_off_is_off(clock: VirtualClock, attach: Attach, seed: int, case: Case) -> None:
     plant = StillPlant()
-    emulator = emulated_meter(case.driver, plant, **case.emulator)
+    emulator = emulated(case.driver, plant, **case.emulator)
     wire = FaultyWire(emulator, seed=seed, rate=0.0, foreign=case.foreign)
     meter = open_meter(case.driver, attach(wire), clock, **case.options, first_token=seed + 1)
     meter.configure(True, 1.0, 1e-3)

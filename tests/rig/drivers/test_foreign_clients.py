@@ -24,9 +24,8 @@ from rig.core.clock import RealClock
 from rig.drivers import registry
 from rig.drivers.registry import open_controller, open_meter
 from rig.ports.pseudo_terminal import PseudoTerminals
-from sim.instruments.instrument import Instrument
+from sim.instruments.instrument import Instrument, emulated
 from sim.instruments.lakeshore import LakeShore
-from sim.instruments.registry import emulated_controller, emulated_meter
 from sim.instruments.tclab import TcLab
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -227,7 +226,7 @@ def test_pymeasure(name: str, serve: Serve, plant: StillPlant) -> None:
     module, _, kind = kind.partition(".")
     pytest.importorskip("pyvisa_py", reason="pyvisa-py is not installed")
     package = pytest.importorskip(f"pymeasure.instruments.{module}", reason="PyMeasure is not installed")
-    emulator = emulated_controller(name, plant) if name in registry.CONTROLLERS else emulated_meter(name, plant)
+    emulator = emulated(name, plant)
     instrument = getattr(package, kind)(
         f"ASRL{serve(emulator)}::INSTR",
         visa_library="@py",
@@ -252,8 +251,8 @@ def test_qcodes_drivers(plant: StillPlant, tmp_path: Path) -> None:
     controller.outputs[1].manual_percent = 40.0
     client = Path(__file__).with_name("qcodes_client.py")
     instruments = {
-        "k2000": emulated_meter("keithley2000", plant),
-        "k2450": emulated_meter("keithley2450", plant),
+        "k2000": emulated("keithley2000", plant),
+        "k2450": emulated("keithley2450", plant),
         "lakeshore": controller,
     }
     with PseudoTerminals(instruments) as terminals:
@@ -306,7 +305,7 @@ def test_mecompyapi(serve: Serve, plant: StillPlant, monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(sys.modules, "ftd2xx", stub)
     tec_module = pytest.importorskip("mecompyapi.tec", reason="mecompyapi is not installed")
     tec = tec_module.MeerstetterTEC()
-    tec.connect_serial_port(port=serve(emulated_controller("meerstetter", plant)), instance=1)
+    tec.connect_serial_port(port=serve(emulated("meerstetter", plant)), instance=1)
     assert tec.get_id() == "Meerstetter,TEC1091,112,120,610"
     assert tec.address == 1
     assert tec.get_firmware_identification_string() == "8065-TEC SW G01     "
@@ -347,9 +346,7 @@ def temperature_controller() -> Any:
 
 @pytest.mark.parametrize(("kind", "model"), [("TETech2", "tc-36-25"), ("TETech1", "tc-48-20")])
 def test_sciglob(temperature_controller: Any, serve: Serve, plant: StillPlant, kind: str, model: str) -> None:
-    tec = temperature_controller(
-        port=serve(emulated_controller("te_technology", plant, model=model)), controller_type=kind
-    )
+    tec = temperature_controller(port=serve(emulated("te_technology", plant, model=model)), controller_type=kind)
     tec.connect()
     try:
         plant.temperature_degC = -12.3
@@ -372,7 +369,7 @@ def test_sciglob(temperature_controller: Any, serve: Serve, plant: StillPlant, k
 
 
 def test_sciglob_on_meerstetter(temperature_controller: Any, serve: Serve, plant: StillPlant) -> None:
-    tec = temperature_controller(port=serve(emulated_controller("meerstetter", plant)), controller_type="TETech1090")
+    tec = temperature_controller(port=serve(emulated("meerstetter", plant)), controller_type="TETech1090")
     tec.connect()
     try:
         plant.temperature_degC = 31.25
@@ -481,7 +478,7 @@ def test_others_client(others_client: Any, plant: StillPlant) -> None:
 def test_our_own_controllers_on_a_pseudo_terminal(name: str, serve: Serve, plant: StillPlant) -> None:
     """By real time and a real port, which has no virtual line to hold it up."""
     options = {"boot_s": 0.0} if name == "tclab" else {"framing": "8N1"} if name == "lakeshore" else {}
-    controller = open_controller(name, serve(emulated_controller(name, plant)), RealClock(), **options)
+    controller = open_controller(name, serve(emulated(name, plant)), RealClock(), **options)
     assert controller.off()
     controller.identify()
     controller.configure(0.9, (10.0, 95.0), 5.0)
@@ -500,7 +497,7 @@ def test_our_own_controllers_on_a_pseudo_terminal(name: str, serve: Serve, plant
 @pytest.mark.parametrize("name", sorted(registry.METERS))
 def test_our_own_meters_on_a_pseudo_terminal(name: str, serve: Serve, plant: StillPlant) -> None:
     options = {"framing": "8N1"} if name == "hp34401a" else {}  # a terminal has no other
-    meter = open_meter(name, serve(emulated_meter(name, plant)), RealClock(), **options)
+    meter = open_meter(name, serve(emulated(name, plant)), RealClock(), **options)
     meter.identify()
     meter.configure(True, 0.2, 1e-3)
     assert meter.read().value == 1e4

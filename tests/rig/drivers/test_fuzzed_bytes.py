@@ -14,8 +14,7 @@ from rig.core.errors import InstrumentError
 from rig.core.reading import Reading
 from rig.drivers.registry import open_controller, open_meter
 from rig.ports import protocol_sim
-from sim.instruments.instrument import Instrument
-from sim.instruments.registry import emulated_controller, emulated_meter
+from sim.instruments.instrument import Instrument, emulated
 from tests.rig.drivers.far_ends import Answering
 from tests.rig.drivers.still_plant import StillPlant
 from tests.rig.drivers.wire_cases import CONTROLLERS, METERS, Case
@@ -32,8 +31,7 @@ _numbers = itertools.count()
 
 
 def emulator_of(case: Case) -> Any:
-    make = emulated_meter if case.meter else emulated_controller
-    return make(case.driver, StillPlant(), **case.emulator)
+    return emulated(case.driver, StillPlant(), **case.emulator)
 
 
 def driver_on(case: Case, instrument: Instrument, clock: VirtualClock) -> tuple[Any, str]:

@@ -9,8 +9,7 @@ import pytest
 from compensator.control.pid import OwnPid
 from rig.core.clock import VirtualClock
 from rig.drivers.registry import configured_pid, open_controller, own_fields, set_pid
-from sim.instruments.instrument import Instrument
-from sim.instruments.registry import emulated_controller
+from sim.instruments.instrument import Instrument, emulated
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
@@ -43,7 +42,7 @@ def test_computed_gains_arrive(attach: Attach, clock: VirtualClock, plant: Still
     assert found == back
     for one, other in ((back.kp_A_per_K, pid.kp_A_per_K), (back.ti_s, pid.ti_s), (back.td_s, pid.td_s)):
         assert one == pytest.approx(other, rel=0.01)
-    instrument = emulated_controller(name, plant)
+    instrument = emulated(name, plant)
     controller = open_controller(name, attach(instrument), clock, **options)
     controller.configure(limit, (12.0, 85.0), 4.0)
     assert held(name, instrument) == pytest.approx((50.0, 6.0, 0.6), rel=0.01)
@@ -51,7 +50,7 @@ def test_computed_gains_arrive(attach: Attach, clock: VirtualClock, plant: Still
 
 @pytest.mark.parametrize("name", ["meerstetter", "te_technology", "srs_ldc500", "lakeshore"])
 def test_gains_that_are_not_given_stay(attach: Attach, clock: VirtualClock, plant: StillPlant, name: str) -> None:
-    instrument, untouched = emulated_controller(name, plant), emulated_controller(name, StillPlant())
+    instrument, untouched = emulated(name, plant), emulated(name, StillPlant())
     before = held(name, untouched) if name != "meerstetter" else (10.0, 30.0, 0.0)
     open_controller(name, attach(instrument), clock).configure(1.0, (12.0, 85.0), 4.0)
     assert held(name, instrument) == before
@@ -64,6 +63,6 @@ def test_a_controller_without_a_pid_of_its_own() -> None:
 
 
 def test_some_of_lake_shores_gains_are_refused(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
-    port = attach(emulated_controller("lakeshore", plant))
+    port = attach(emulated("lakeshore", plant))
     with pytest.raises(ValueError, match="all three"):
         open_controller("lakeshore", port, clock, p=10.0)

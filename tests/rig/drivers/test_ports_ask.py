@@ -8,7 +8,7 @@ from rig.core.clock import VirtualClock
 from rig.core.errors import Disconnected
 from rig.drivers.registry import searches, tries
 from rig.ports import protocol_sim
-from sim.instruments.registry import emulated_controller, emulated_meter
+from sim.instruments.instrument import emulated
 from tests.rig.drivers.far_ends import Answering
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -20,8 +20,7 @@ def test_each_is_found_by_its_driver(
     role: str, driver: str, options: dict[str, object], plant: StillPlant, clock: VirtualClock
 ) -> None:
     model = {name: value for name, value in options.items() if name == "model"}
-    make = emulated_controller if role == "controller" else emulated_meter
-    address = protocol_sim.register("ask", make(driver, plant, **model), clock)
+    address = protocol_sim.register("ask", emulated(driver, plant, **model), clock)
     try:
         found = list(tries(address, clock))
         assert found[-1][0] == driver

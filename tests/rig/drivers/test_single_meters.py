@@ -15,9 +15,8 @@ from rig.drivers.meter import resistance_reading
 from rig.drivers.registry import open_meter
 from rig.drivers.scpi_meters import SourceMeter
 from rig.ports import protocol_sim
-from sim.instruments.hp34401a import Hp34401A
-from sim.instruments.instrument import Instrument
-from sim.instruments.registry import emulated_meter
+from sim.instruments.instrument import Instrument, emulated
+from sim.instruments.multimeters import Hp34401A
 from tests.rig.drivers.conversation import scripted
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -99,7 +98,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def smu(name: str, plant: StillPlant) -> Any:
-    return emulated_meter(name, plant)
+    return emulated(name, plant)
 
 
 @pytest.fixture

@@ -8,8 +8,7 @@ import pytest
 
 from rig.core.clock import VirtualClock
 from rig.drivers.registry import open_controller, open_meter
-from sim.instruments.instrument import Instrument
-from sim.instruments.registry import emulated_controller, emulated_meter
+from sim.instruments.instrument import Instrument, emulated
 from tests.rig.drivers.still_plant import StillPlant
 from tests.rig.drivers.wire_cases import CONTROLLERS, METERS, Case
 
@@ -49,7 +48,7 @@ class OneHalfLate:
 
 def start_controller(attach: Attach, clock: VirtualClock, case: Case, number: int) -> int:
     """As a bench is opened: off, who is it, limits. Returns how many replies there were."""
-    emulator = emulated_controller(case.driver, StillPlant(), **case.emulator)
+    emulator = emulated(case.driver, StillPlant(), **case.emulator)
     wire = OneHalfLate(emulator, number)
     controller = open_controller(case.driver, attach(wire), clock, **case.options, **{case.first: 7})
     assert controller.off()
@@ -61,7 +60,7 @@ def start_controller(attach: Attach, clock: VirtualClock, case: Case, number: in
 
 
 def start_meter(attach: Attach, clock: VirtualClock, case: Case, number: int) -> int:
-    wire = OneHalfLate(emulated_meter(case.driver, StillPlant(), **case.emulator), number)
+    wire = OneHalfLate(emulated(case.driver, StillPlant(), **case.emulator), number)
     meter = open_meter(case.driver, attach(wire), clock, **case.options, **{case.first: 7})
     meter.identify()
     meter.configure(True, 1.0, 1e-3)

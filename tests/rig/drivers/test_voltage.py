@@ -19,8 +19,7 @@ from rig.core.reading import Quality, Reading
 from rig.drivers.meter import column_of, film_output, formula
 from rig.drivers.registry import METERS, open_meter
 from rig.records.record_file import read_record
-from sim.instruments.instrument import Instrument
-from sim.instruments.registry import emulated_meter
+from sim.instruments.instrument import Instrument, emulated
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
@@ -93,7 +92,7 @@ def test_no_text_does_harm(text: str) -> None:
 def test_meters_read_volts(attach: Attach, clock: VirtualClock, plant: StillPlant, name: str) -> None:
     plant.voltage_V = 1.25
     meter = open_meter(
-        name, attach(emulated_meter(name, plant)), clock, formula="(voltage_V - 1) * 4", output="curvature_per_m"
+        name, attach(emulated(name, plant)), clock, formula="(voltage_V - 1) * 4", output="curvature_per_m"
     )
     meter.identify()
     meter.configure(True, 1.0, 1e-3)
@@ -118,7 +117,7 @@ def test_meters_read_volts(attach: Attach, clock: VirtualClock, plant: StillPlan
 
 @pytest.mark.parametrize("name", METERS)
 def test_a_voltage_itself(attach: Attach, clock: VirtualClock, plant: StillPlant, name: str) -> None:
-    meter = open_meter(name, attach(emulated_meter(name, plant)), clock)
+    meter = open_meter(name, attach(emulated(name, plant)), clock)
     plant.voltage_V = 0.05
     meter.configure_voltage(1.0, 0.1)  # type: ignore[attr-defined]
     assert meter.output == "voltage_V"
@@ -132,7 +131,7 @@ def test_a_voltage_itself(attach: Attach, clock: VirtualClock, plant: StillPlant
 
 
 def test_no_value_is_invalid(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
-    address = attach(emulated_meter("keithley2000", plant))
+    address = attach(emulated("keithley2000", plant))
     meter = open_meter("keithley2000", address, clock, formula="log10(voltage_V)", output="depth_um")
     meter.configure(True, 1.0, 1e-3)
     plant.voltage_V = -1.0
@@ -150,7 +149,7 @@ def test_no_value_is_invalid(attach: Attach, clock: VirtualClock, plant: StillPl
     ],
 )
 def test_half_of_it_is_refused(attach: Attach, clock: VirtualClock, plant: StillPlant, options: dict[str, str]) -> None:
-    address = attach(emulated_meter("keithley2000", plant))
+    address = attach(emulated("keithley2000", plant))
     with pytest.raises(ValueError, match=r"formula|output"):
         open_meter("keithley2000", address, clock, **options)
     open_meter("keithley2000", address, clock)

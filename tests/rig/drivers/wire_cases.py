@@ -18,8 +18,7 @@ from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import Meter
 from rig.drivers.registry import open_controller, open_meter
 from rig.ports import protocol_sim
-from sim.instruments.instrument import Instrument
-from sim.instruments.registry import emulated_controller, emulated_meter
+from sim.instruments.instrument import Instrument, emulated
 from tests.rig.drivers.faulty_wire import FaultyWire
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -145,7 +144,7 @@ def controller_on(
     attach: Attach, clock: VirtualClock, case: Case, plant: StillPlant, seed: int, faults: tuple[str, ...], **wire: Any
 ) -> tuple[TemperatureController, FaultyWire]:
     """A configured and armed controller behind a wire that is still good."""
-    emulator = emulated_controller(case.driver, plant, **case.emulator)
+    emulator = emulated(case.driver, plant, **case.emulator)
     line = FaultyWire(emulator, seed=seed, rate=0.0, foreign=case.foreign, faults=faults, **wire)
     controller = open_controller(case.driver, attach(line), clock, **case.options, **{case.first: seed % 255 + 1})
     controller.configure(case.limit, (-100.0, 600.0) if case.driver != "srs_ldc500" else (-100.0, 240.0), 0.0)
@@ -160,7 +159,7 @@ def meter_on(
     attach: Attach, clock: VirtualClock, case: Case, plant: StillPlant, seed: int, faults: tuple[str, ...], **wire: Any
 ) -> tuple[Meter, FaultyWire]:
     """A configured meter behind a wire that is still good."""
-    emulator = emulated_meter(case.driver, plant, **case.emulator)
+    emulator = emulated(case.driver, plant, **case.emulator)
     line = FaultyWire(emulator, seed=seed, rate=0.0, foreign=case.foreign, faults=faults, **wire)
     meter = open_meter(case.driver, attach(line), clock, **case.options, **{case.first: seed % 255 + 1})
     meter.configure(True, 1.0, 1e-3)

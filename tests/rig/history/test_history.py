@@ -569,7 +569,7 @@ def test_a_folder_has_one_writer_with_or_without_room_for_its_lock(
             raise OSError(errno.ENOSPC, "No space left on device")
         return plain(path, flags, mode)
 
-    monkeypatch.setattr("rig.core.file_lock.os.open", full)
+    monkeypatch.setattr("rig.core.file_writing.os.open", full)
     second.take()
     monkeypatch.undo()  # there is room by now
     with pytest.raises(PortHeld):

@@ -20,8 +20,8 @@ import pytest
 
 import rig
 import rig.bench.assembly
+from rig.core.faults import python_words
 from rig.core.outcome import NotConfirmedOff
-from rig.core.python_words import python_words
 from rig.drivers.meerstetter import MeerstetterController
 from rig.records.record_file import write_columns
 from tests.rig.control.test_ways_out import at_row
@@ -262,13 +262,13 @@ def test_a_signal_in_a_run_is_what_a_notebook_expects(
 
 def test_not_confirmed_off_says_what_to_do(bench_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Disobedient] = []
-    whole = rig.bench.assembly.emulated_controller
+    whole = rig.bench.assembly.emulated
 
     def wrapped(*words: Any, **more: Any) -> Any:
         made.append(Disobedient(whole(*words, **more), "silent"))
         return made[0]
 
-    monkeypatch.setattr(rig.bench.assembly, "emulated_controller", wrapped)
+    monkeypatch.setattr(rig.bench.assembly, "emulated", wrapped)
 
     def work() -> None:
         with rig.open_bench(bench_file) as bench:

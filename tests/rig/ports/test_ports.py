@@ -23,7 +23,7 @@ from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
-from sim.instruments.keithley2000 import Keithley2000
+from sim.instruments.multimeters import Keithley2000
 from tests.rig.drivers.conversation import Conversation
 from tests.rig.drivers.still_plant import StillPlant
 

@@ -17,7 +17,7 @@ from rig.drivers.registry import METERS, open_meter, searches, tries
 from rig.ports import protocol_sim
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
-from sim.instruments.keithley2450 import Keithley2450
+from sim.instruments.source_meters import Keithley2450
 from tests.rig.drivers.still_plant import StillPlant
 
 pyvisa = pytest.importorskip("pyvisa", reason="PyVISA is not installed")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.io import netcdf_file
 
-from rig.core.columns import OF_A_RUN
+from rig.core.reading import OF_A_RUN
 from rig.records.run_folder import PackedRows, RunFolder
 
 SPECIAL = (0.1, -0.0, 1e-300, 1e22, 3.0, math.nan, math.inf, np.float64(1) / 3, 0)

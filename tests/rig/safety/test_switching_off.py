@@ -12,7 +12,7 @@ from rig.core.clock import VirtualClock
 from rig.drivers.registry import open_controller
 from rig.ports import protocol_sim
 from rig.safety.switching_off import BY_ITS_DEAD_MAN, look_after_silence, off_confirmed, switch_off
-from sim.instruments.registry import emulated_controller
+from sim.instruments.instrument import emulated
 from tests.rig.drivers.disobedient import Disobedient
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -27,7 +27,7 @@ def armed() -> Iterator[Bench]:
 
     def make(driver: str, fault: str) -> tuple[Any, Disobedient, StillPlant, VirtualClock]:
         clock, plant = VirtualClock(), StillPlant()
-        wrapped = Disobedient(emulated_controller(driver, plant), fault)
+        wrapped = Disobedient(emulated(driver, plant), fault)
         controller = open_controller(driver, protocol_sim.register("disobedient", wrapped, clock), clock)
         controller.configure(4.0, (10.0, 95.0), DEAD_MAN_S)
         if controller.commands_current:

@@ -7,7 +7,7 @@ import struct
 from binascii import crc_hqx
 from typing import Any
 
-from sim.instruments.registry import CONTROLLERS, emulated_controller, emulated_meter
+from sim.instruments.instrument import emulated
 from tests.rig.drivers.far_ends import Host
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -51,6 +51,5 @@ PATIENCE_S = {"srs_ldc500": 0.3, "meerstetter": 0.05, "te_technology": 0.1}
 
 
 def host_of(driver: str, plant: StillPlant, **options: Any) -> Host:
-    make = emulated_controller if driver in CONTROLLERS else emulated_meter
     kind = {"meerstetter": MecomHost, "te_technology": TeHost}.get(driver, Host)
-    return kind(make(driver, plant, **options), ENDS.get(driver, b"\r"), PATIENCE_S.get(driver, 5.0))
+    return kind(emulated(driver, plant, **options), ENDS.get(driver, b"\r"), PATIENCE_S.get(driver, 5.0))

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from rig.drivers.lakeshore import TOKENS
-from sim.instruments.keithley2000 import Keithley2000
 from sim.instruments.lakeshore import LakeShore
+from sim.instruments.multimeters import Keithley2000
 from sim.instruments.srs_ldc500 import SrsLdc500
 from tests.rig.drivers.far_ends import Host
 from tests.rig.drivers.still_plant import StillPlant

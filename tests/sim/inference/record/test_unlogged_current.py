@@ -11,7 +11,7 @@ from sim.diagnosis.diagnose import diagnose
 from sim.inference.record.record import read_columns
 from sim.inference.record.unlogged_current import MOST, acted_before
 from sim.world.open_loop import simulate_record
-from sim.world.world import World
+from sim.world.plant import World
 from tests.sim.diagnosis.said import names
 from tests.sim.small_chain import FILM, PLATE, on
 from tests.truth import record

@@ -1,23 +1,23 @@
-"""Keithley 2400 SourceMeter as an ohmmeter, on its RS-232 port.
+"""Keithley 2400 and 2450 SourceMeters as ohmmeters.
 
 Sources: 2400 series manual p. 4-4 and 4-14 (auto-ohms and its test currents, four wires), 14-14, 18-51 (elements and
-their two sentinels), 18-61, and chapter 18 (SCPI reference) as far as our driver, PyMeasure and QCoDeS use it. NOT
-verified on an instrument: overhead times, the numbers of the errors that have one above 500, the status word (here: 1
-overflow, 8 in compliance, 4096 output on).
+their two sentinels), 18-61, and chapter 18 (SCPI reference); Model 2450 reference manual 2450-901-01, section 6 (SCPI
+commands) and appendix B; as far as our drivers, PyMeasure and QCoDeS use them. NOT verified on an instrument: overhead
+times; the 2400's error numbers above 500 and its status word (here: 1 overflow, 8 in compliance, 4096 output on); the
+2450's test currents (those of the 2400), and its answer with the output off (here: nothing, and an error).
 
-The output has to be on: `READ?`, `INITiate` and `MEASure?` with the output off give no answer, but an error in the
-queue. In auto-ohms mode the range sets the test current; in manual mode the source's settings do. A reply has the
-elements of FORMat:ELEMents in their fixed order; what is neither measured nor sourced reads as not a number.
+The output has to be on: otherwise there is no reading, but an error in the queue. In the ohms function (of the 2400: in
+auto-ohms mode) the range sets the test current; otherwise the source's settings do.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from math import inf, isinf, nan
 from typing import ClassVar
 
-from sim.instruments.meter import ON_OFF, REGISTERS, Meter, Range, Setting
+from sim.instruments.meter import LINE_PERIOD_S, ON_OFF, REGISTERS, Meter, Setting
 from sim.instruments.scpi import (
     ILLEGAL_PARAMETER_VALUE,
     INVALID_CHARACTER_DATA,
@@ -28,16 +28,6 @@ from sim.instruments.scpi import (
     number,
 )
 
-RANGES = (  # manual, table of resistance ranges
-    Range(20.0, 100e-3),
-    Range(200.0, 10e-3),
-    Range(2e3, 1e-3),
-    Range(20e3, 100e-6),
-    Range(200e3, 10e-6),
-    Range(2e6, 1e-6),
-    Range(20e6, 1e-6),
-    Range(200e6, 100e-9),
-)
 ELEMENTS = {"VOLT": "VOLTAGE", "CURR": "CURRENT", "RES": "RESISTANCE", "TIME": "TIME", "STAT": "STATUS"}
 OF_EACH_LAYER = (  # of the trigger model
     Setting(":SOURce", "SOUR", "IMM"),
@@ -48,16 +38,29 @@ OF_EACH_LAYER = (  # of the trigger model
 OUTPUT_IS_OFF = (803, "Not permitted with OUTPUT off")
 STALE = (-230, "Data corrupt or stale")
 OVERFLOWED, IN_COMPLIANCE, OUTPUT_ON = 1, 8, 4096  # bits of a reading's status word
+AUTOMATIC_DIGITS = 7  # with :FORMat:ASCii:PRECision 0
+ELEMENTS_2450 = {"SOUR": "SOURCE", "READ": "READING", "REL": "RELATIVE", "STAT": "STATUS"}
+LARGEST_2450 = {"RES": 200e6, "VOLT": 200.0, "CURR": 1.0}  # range of each function
+OF_EACH_2450_FUNCTION = (
+    Setting(":NPLCycles", "NPLC", 1.0, "%g", 0.01, 10.0),
+    Setting(":RSENse", "RSEN", 0, ON_OFF),
+    Setting(":AZERo", "AZER", 1, ON_OFF),
+    Setting(":AVERage:COUNt", "AVER:COUN", 10, "%d", 1, 100),
+    Setting(":AVERage[:STATe]", "AVER", 0, ON_OFF),
+    Setting(":AVERage:TCONtrol", "AVER:TCON", "REP"),
+    Setting(":RANGe:AUTO", "RANG:AUTO", 1, ON_OFF),
+)
 
 
 class SourceMeter(Meter):
     """A meter that sources its test current as long as its output is on. SOURCES: name and largest level of each."""
 
-    RANGES: ClassVar[Sequence[Range]] = RANGES
-    OVERRANGE: ClassVar[float] = 1.05
+    # manual, table of resistance ranges
+    RANGES = {20.0: 100e-3, 200.0: 10e-3, 2e3: 1e-3, 20e3: 100e-6, 200e3: 10e-6, 2e6: 1e-6, 20e6: 1e-6, 200e6: 100e-9}
+    OVERRANGE = 1.05
     SOURCES: ClassVar[Mapping[str, float]] = {"CURRent": 1.05, "VOLTage": 210.0}
     LEVEL_TEXT: ClassVar[str]
-    FUNCTIONS: ClassVar[Mapping[str, str]] = {"VOLT": "VOLTage[:DC]", "CURR": "CURRent[:DC]", "RES": "RESistance"}
+    FUNCTIONS = {"VOLT": "VOLTage[:DC]", "CURR": "CURRent[:DC]", "RES": "RESistance"}
     NOT_WHEN_OFF: ClassVar[tuple[int, str]]
     elements: tuple[str, ...]  # of a reply
     output_is_on = False
@@ -109,16 +112,19 @@ class SourceMeter(Meter):
 
 
 class Keithley2400(SourceMeter):
-    """The meter; its options are those of `Meter`."""
+    """Keithley 2400; its options are those of `Meter`.
 
-    VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.2, 2.0, 20.0, 200.0)
-    IDENTITY: ClassVar[str] = "KEITHLEY INSTRUMENTS INC.,MODEL 2400,{},{}"
-    REVISION: ClassVar[str] = "C30   Mar 17 2006 09:29:29/A02  /K/J"
-    BAUDRATE: ClassVar[float] = 57600.0
-    LEVEL_TEXT: ClassVar[str] = "%+.6E"
-    NOT_WHEN_OFF: ClassVar[tuple[int, str]] = OUTPUT_IS_OFF
+    A reply has the elements of FORMat:ELEMents in their fixed order; what is neither measured nor sourced reads as not
+    a number.
+    """
+
+    VOLTAGE_RANGES_V = (0.2, 2.0, 20.0, 200.0)
+    IDENTITY = "KEITHLEY INSTRUMENTS INC.,MODEL 2400,1234567,C30   Mar 17 2006 09:29:29/A02  /K/J"
+    BAUDRATE = 57600.0
+    LEVEL_TEXT = "%+.6E"
+    NOT_WHEN_OFF = OUTPUT_IS_OFF
     enabled: set[str]  # functions that are measured
-    SETTINGS: ClassVar[Sequence[Setting]] = (
+    SETTINGS = (
         *REGISTERS,
         Setting(":TRIGger[:SEQuence#]:COUNt", "TRIG:COUN", 1, "%d", 1, 2500),
         Setting(":TRIGger[:SEQuence#]:DELay", "TRIG:DEL", 0.0, "%.4f", 0.0, 999.9999),
@@ -164,7 +170,7 @@ class Keithley2400(SourceMeter):
         Setting(":OUTPut#:SMODe", "SMOD", "NORM"),
         Setting(":ROUTe:TERMinals", "TERM", "FRON"),
     )
-    SILENT: ClassVar[Sequence[str]] = (
+    SILENT = (
         ":SYSTem:BEEPer[:IMMediate]",
         ":STATus:PRESet",
         ":TRACe:CLEar",
@@ -278,7 +284,7 @@ class Keithley2400(SourceMeter):
             self.switch_output(False)
 
     def aperture_s(self) -> float:
-        return float(self.settings["NPLC"]) * self._line_period_s
+        return float(self.settings["NPLC"]) * LINE_PERIOD_S
 
     def averaged(self) -> int:
         return int(self.settings["AVER:COUN"]) if self.settings["AVER"] else 1
@@ -342,4 +348,126 @@ class Keithley2400(SourceMeter):
         self.abort()
         self.settings["TRIG:COUN"] = self.settings["ARM:COUN"] = 1
         self.enabled = {function}
+        self.send_test_current()
+
+
+class Keithley2450(SourceMeter):
+    """Keithley 2450; its options are those of `Meter`.
+
+    One function is measured at a time. A reading's elements are named in the question; a number has as many digits as
+    `:FORMat:ASCii:PRECision` says. Errors have a kind and a date behind their text, with semicolons between.
+    """
+
+    VOLTAGE_RANGES_V = (0.02, 0.2, 2.0, 20.0, 200.0)
+    IDENTITY = "KEITHLEY INSTRUMENTS,MODEL 2450,04096331,1.7.0e"
+    BAUDRATE = 115200.0
+    ABORTS = ()
+    NO_ERROR = '0,"No error;0;0 0"'
+    LEVEL_TEXT = "%.6E"
+    NOT_WHEN_OFF = (-221, "Settings conflict")
+    SETTINGS = (
+        *REGISTERS[:2],
+        Setting(":FORMat:ASCii:PRECision", "PREC", 0, "%d", 0, 16),
+        Setting(":FORMat[:DATA]", "FORM", "ASC"),
+        Setting("[:SENSe#]:COUNt", "COUN", 1, "%d", 1, 300000),
+        Setting(":ROUTe:TERMinals", "TERM", "FRON"),
+        Setting(":SOURce#:CURRent:VLIMit[:LEVel]", "SOUR:CURR:LIM", 0.0, "%.6E", 0.0, 210.0),
+        Setting(":SOURce#:CURRent:RANGe", "SOUR:CURR:RANG", 0.0, "%.6E", -1.05, 1.05),
+        Setting(":SOURce#:CURRent:RANGe:AUTO", "SOUR:CURR:AUTO", 1, ON_OFF),
+        Setting(":SOURce#:VOLTage:ILIMit[:LEVel]", "SOUR:VOLT:LIM", 0.0, "%.6E", 0.0, 1.05),
+        Setting(":SOURce#:VOLTage:RANGe", "SOUR:VOLT:RANG", 0.0, "%.6E", -210.0, 210.0),
+        Setting(":SOURce#:VOLTage:RANGe:AUTO", "SOUR:VOLT:AUTO", 1, ON_OFF),
+        *(
+            one.of(name, "[:SENSe#]:" + header)
+            for name, header in SourceMeter.FUNCTIONS.items()
+            for one in OF_EACH_2450_FUNCTION
+        ),
+    )
+    _values: dict[str, float]  # of the last reading, by element
+    SILENT = (":ABORt", "*LANG", ":TRACe:CLEar", ":SYSTem:CLEar")
+
+    def _define_commands(self) -> None:
+        self._define_common()
+        self._define_source()
+        self._define_choice("[:SENSe#]:FUNCtion[:ON]")
+        define = self._tree.define
+        for function, header in self.FUNCTIONS.items():
+            self._define_range(function, "[:SENSe#]:" + header, LARGEST_2450[function], "%g", LARGEST_2450[function])
+            define(":MEASure:" + header, ask=partial(self._measure, function))
+        define(":READ", ask=self._read_elements)
+        define(":MEASure", ask=self._read_elements)
+        define(":FETCh", ask=self._fetch_elements)
+        define("*LANG", ask=lambda _: "SCPI")
+        define(":SYSTem:LFRequency", ask=lambda _: "50")
+        define(":TRACe:POINts", set=lambda _: None, ask=lambda _: "100000")
+
+    def _choose_elements(self, parameters: Parameters) -> None:
+        """Take the elements behind the buffer's name; the reading alone if there are none."""
+        words = [word.upper() for word in parameters[1:]]
+        short = {long: short for short, long in ELEMENTS_2450.items()}
+        self.elements = tuple(short.get(word, word) for word in words) or ("READ",)
+        if not set(self.elements) <= ELEMENTS_2450.keys():
+            raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
+
+    def _read_elements(self, parameters: Parameters) -> None:
+        self._choose_elements(parameters)
+        self.read(1)
+
+    def _fetch_elements(self, parameters: Parameters) -> str | None:
+        self._choose_elements(parameters)
+        return None if self.fetch() is None else self._text()
+
+    def _measure(self, function: str, parameters: Parameters) -> None:
+        self.choose_function(function)
+        self._read_elements(parameters)
+
+    @property
+    def test_current_A(self) -> float:
+        """Return the current through the film now, A: nothing with the output off."""
+        if not self.output_is_on:
+            return 0.0
+        if self.measures_resistance:
+            return self._ranges[self._range_index].test_current_A
+        return float(self.settings["SOUR:CURR"]) if self.settings["SOUR:FUNC"] == "CURR" else 0.0
+
+    def averaged(self) -> int:
+        return int(self.settings[self.function + ":AVER:COUN"]) if self.settings[self.function + ":AVER"] else 1
+
+    def digitize(self) -> str:
+        value: float | None = self.test_current_A
+        if self.measures_resistance:
+            value = self.sample_ohm()
+        elif self.function == "VOLT":
+            value = self._voltage_V()
+        if value is None:
+            return ""
+        value = self.filtered(value)
+        self._values = {"SOUR": self.test_current_A, "READ": value, "REL": self._now_s, "STAT": float(isinf(value))}
+        return self._text()
+
+    def _voltage_V(self) -> float:
+        """Return the voltage at the input, that which the source drives through the film included."""
+        current_A = self.test_current_A
+        plant = self._plant
+        voltage_V = current_A * plant.read_resistance_ohm(current_A) if current_A else plant.read_voltage_V()
+        return self.within_voltage_range(voltage_V, float(self.settings["VOLT:RANG"]), "VOLT")
+
+    def _text(self) -> str:
+        digits = int(self.settings["PREC"]) or AUTOMATIC_DIGITS
+        return ", ".join(f"{self.shown(self._values[element]):.{digits - 1}E}" for element in self.elements)
+
+    def push_error(self, text: str) -> None:
+        """See `ScpiInstrument.push_error`; an event has a kind and a date."""
+        super().push_error(text.removesuffix('"') + ';1;2026/01/01 00:00:00.000"')
+
+    def default_settings(self) -> dict[str, float | str]:
+        return super().default_settings() | {"VOLT:RANG": 20.0, "CURR:RANG": 1e-4, "RES:RANG": 0.0}
+
+    def reset(self) -> None:
+        """See `Meter.reset`: output off, sources 0 V, measures current."""
+        super().reset()
+        self.elements = ("READ",)
+        self._values = {}
+        self.function = "CURR"
+        self.choose_range(210e3)
         self.send_test_current()
