@@ -11,7 +11,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rig.core.clock import Clock
 from rig.core.errors import Disconnected, InstrumentError, Refused
@@ -24,7 +24,7 @@ STATUS_S = 0.3  # a status that changes one control step (0.1 to 0.3 s) after th
 STARTED_S = 0.5  # the same when the output is switched on: until a status says "running"
 LOOK_S = 0.02  # between two looks at a status
 OF_FULL_DRIVE = "of full drive"
-CURRENTS, DRIVES, SETPOINTS = "currents", "drives", "setpoints"  # for which an output can be armed
+CURRENTS, SETPOINTS = "currents", "setpoints"  # for which an output can be armed
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +108,8 @@ class TemperatureController:
     current_limit_A: float = nan
     temperature_limits_degC: tuple[float, float] = (nan, nan)
     _armed: str | None = None
+    _regulates: ClassVar[bool] = False  # whether it takes setpoints, by the hooks below
+    link: Any  # to the instrument, brought in step by `be_in_step`
 
     def identify(self) -> Identity:
         """Return the identity; Refused if it is no instrument of this driver's family."""
@@ -129,19 +131,23 @@ class TemperatureController:
 
     def arm_current(self) -> None:
         """Switch the output on at 0 A, ready for `set_current_A`."""
-        raise Refused(None, f"{self.NAME} takes no current; use setpoints")
+        self._arm(CURRENTS)
 
     def set_current_A(self, current_A: float) -> None:
         """Set the current from now on, A; return when it is acknowledged."""
-        raise Refused(None, f"{self.NAME} takes no current; use setpoints")
+        self._require_taken(CURRENTS)
+        self._check_current(current_A)
+        self._send_when_armed(CURRENTS, current_A)
 
     def arm_setpoint(self) -> None:
         """Switch the output on under the instrument's own regulation, held at the temperature of now."""
-        raise Refused(None, f"{self.NAME} has no regulation of its own; it takes a drive")
+        self._arm(SETPOINTS)
 
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
         """Set the target of the instrument's own regulation, degC; return when it is acknowledged."""
-        raise Refused(None, f"{self.NAME} has no regulation of its own; it takes a drive")
+        self._require_taken(SETPOINTS)
+        self._check_setpoint(setpoint_degC)
+        self._send_when_armed(SETPOINTS, setpoint_degC)
 
     def read_temperature(self) -> Reading:
         """Read the thermometer, degC."""
@@ -170,6 +176,45 @@ class TemperatureController:
     def close(self) -> None:
         """Let go of the port; the output stays as it is. Never raises."""
         self.transport.close()
+
+    # ---- arming and commanding: what a driver says how to do --------------------------------------
+
+    def _make_ready(self) -> None:
+        """Do what has to be done before the output is armed."""
+
+    def _choose(self, commands: str) -> None:
+        """Choose what the output shall obey; it is off."""
+
+    def _send(self, commands: str, value: float, arming: bool) -> None:
+        """Send a current, A or share of full drive, or a setpoint, degC. arming: before the output is on."""
+        raise NotImplementedError
+
+    def _switch_on(self, commands: str) -> None:
+        """Switch the output on; Refused if it does not come on."""
+        raise NotImplementedError
+
+    def _arm(self, commands: str) -> None:
+        self._require_taken(commands)
+        self._require_configured()
+        self._armed = None
+        self._make_ready()
+        begin = self._require_within(self.read_temperature()) if commands == SETPOINTS else 0.0
+        self._choose(commands)
+        self._send(commands, begin, True)
+        self._switch_on(commands)
+        self._armed = commands
+
+    def _send_when_armed(self, commands: str, value: float) -> None:
+        self.link.be_in_step()  # which disarms one that was switched off meanwhile
+        if self._armed != commands:
+            raise Refused(None, f"the output is not armed for {commands}")
+        self._send(commands, value, False)
+
+    def _require_taken(self, commands: str) -> None:
+        if commands == CURRENTS and not self.commands_current:
+            raise Refused(None, f"{self.NAME} takes no current; use setpoints")
+        if commands == SETPOINTS and not self._regulates:
+            raise Refused(None, f"{self.NAME} has no regulation of its own; it takes a drive")
 
     # ---- checks ---------------------------------------------------------------------------------
 
@@ -202,10 +247,6 @@ class TemperatureController:
     def _require_configured(self) -> None:
         if isnan(self.temperature_limits_degC[0]):
             raise Refused(None, "limits are not configured yet")
-
-    def _require_armed(self, commands: str) -> None:
-        if self._armed != commands:
-            raise Refused(None, f"the output is not armed for {commands}")
 
     def _stay_armed_if(self, is_on: Callable[[str], bool]) -> None:
         """Disarm if the output is not on any more for what it was armed for, after the line was in doubt.

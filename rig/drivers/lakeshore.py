@@ -36,7 +36,7 @@ from typing import Any, ClassVar
 from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.core.reading import Identity, Quality, Reading
 from rig.drivers.controller import (
-    DRIVES,
+    CURRENTS,
     OF_FULL_DRIVE,
     OFF_S,
     SETPOINTS,
@@ -59,7 +59,7 @@ ERRORS = {4: "query error", 8: "device error", 16: "execution error", 32: "comma
 KELVIN = 273.15  # 0 degC in K
 RANGES = {"low": 1, "medium": 2, "high": 3}  # of the heater, as RANGE takes them
 MODES = {0: "off", 1: "own regulation", 2: "zones", 3: "open loop", 4: "monitor", 5: "warm-up"}  # of OUTMODE
-MODE_FOR = {SETPOINTS: 1, DRIVES: 3}
+MODE_FOR = {SETPOINTS: 1, CURRENTS: 3}
 KELVIN_UNITS, CELSIUS_UNITS = 1, 2  # of a sensor (INTYPE)
 SHOWS_POWER = "2"
 HEATER_ERRORS = {1: "heater open", 2: "heater shorted", 3: "heater compliance"}
@@ -142,8 +142,10 @@ class LakeShoreController(TemperatureController):
     drive_unit: ClassVar[str] = OF_FULL_DRIVE
     cools: ClassVar[bool] = False
     commands_current: ClassVar[bool] = True
+    _regulates = True
     has_ramp: ClassVar[bool] = True
     confirms_off_by: ClassVar[str] = "its range read back twice, and the output that it shows"
+    link: LakeShoreLink
 
     def __init__(
         self,
@@ -211,8 +213,8 @@ class LakeShoreController(TemperatureController):
         self._armed = None
         self._set("RANGE", "0")
         self._configure_output()
-        self._set_mode(DRIVES)
-        self._set_number("MOUT", str(self._output), 0.0, RESOLUTION_PERCENT)
+        self._choose(CURRENTS)
+        self._send(CURRENTS, 0.0, True)
         self._set_number("TLIMIT", self._input, temperature_limits_degC[1] + KELVIN, LIMIT_RESOLUTION_K)
         if self._own_gains:
             self._set("PID", ",".join(f"{gain:.1f}" for gain in self._own_gains))
@@ -238,38 +240,6 @@ class LakeShoreController(TemperatureController):
         found = [_number(part) for part in self.link.twice(f"RAMP? {self._output}")[0].split(",")]
         if len(found) != 2 or found[0] != on or abs(found[1] - float(text)) > 0.06:
             raise Refused(None, f"RAMP was set to {on},{text} and reads {found}")
-
-    def arm_current(self) -> None:
-        """Choose open loop at no drive, and switch the output on in its range."""
-        self._check_current(0.0)
-        self._armed = None
-        self._set_mode(DRIVES)
-        self._set_number("MOUT", str(self._output), 0.0, RESOLUTION_PERCENT)
-        self._enable(DRIVES)
-
-    def set_current_A(self, current_A: float) -> None:
-        """Set the drive, 0 to 1 of full power of the range, read back. ValueError outside: nothing is sent."""
-        self._check_current(current_A)
-        self.link.be_in_step()
-        self._require_armed(DRIVES)
-        self._set_number("MOUT", str(self._output), 100.0 * current_A, RESOLUTION_PERCENT)
-
-    def arm_setpoint(self) -> None:
-        """Choose the instrument's own regulation, held at the temperature of now, and switch the output on."""
-        self._require_configured()
-        self._armed = None
-        now_degC = self._require_within(self.read_temperature())
-        self._learn_units()
-        self._set_mode(SETPOINTS)
-        self._set_setpoint(now_degC)
-        self._enable(SETPOINTS)
-
-    def set_setpoint_degC(self, setpoint_degC: float) -> None:
-        """Set SETP, read back. ValueError outside the configured limits: nothing is sent."""
-        self._check_setpoint(setpoint_degC)
-        self.link.be_in_step()
-        self._require_armed(SETPOINTS)
-        self._set_setpoint(setpoint_degC)
 
     def read_temperature(self) -> Reading:
         """Read the sensor (CRDG, RDGST), degC; `time_s` is when the question had arrived."""
@@ -325,17 +295,22 @@ class LakeShoreController(TemperatureController):
         if [_number(text) for text in found] != [_number(text) for text in fields]:
             raise Refused(None, f"HTRSET was set to {fields} and reads {found}")
 
-    def _set_mode(self, commands: str) -> None:
+    def _choose(self, commands: str) -> None:
+        """Choose open loop, or the instrument's own regulation with the sensor's units."""
+        if commands == SETPOINTS:
+            self._learn_units()
         self._set("OUTMODE", f"{MODE_FOR[commands]},{'ABCD'.index(self._input) + 1},0")  # 0: off after a power cycle
 
-    def _set_setpoint(self, setpoint_degC: float) -> None:
-        value = setpoint_degC + KELVIN if self._kelvin else setpoint_degC
-        self._set_number("SETP", str(self._output), value, RESOLUTION_K)
+    def _send(self, commands: str, value: float, arming: bool) -> None:
+        """Set MOUT, % of full power of the range, or SETP, read back."""
+        if commands == CURRENTS:
+            self._set_number("MOUT", str(self._output), 100.0 * value, RESOLUTION_PERCENT)
+        else:
+            self._set_number("SETP", str(self._output), value + KELVIN if self._kelvin else value, RESOLUTION_K)
 
-    def _enable(self, commands: str) -> None:
+    def _switch_on(self, commands: str) -> None:
         self._set("RANGE", str(self._range))
         wait_until_on(self.transport.clock, self.status)
-        self._armed = commands
 
     def _set(self, name: str, value: str) -> None:
         """Set a setting of the output in whole numbers, read back. Refused."""

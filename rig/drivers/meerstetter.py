@@ -48,7 +48,9 @@ LONGEST_FRAME = 40
 STATES = {0: "starting", 1: "ready", 2: "running", 3: "error", 4: "in its bootloader", 5: "about to reset"}
 READY, RUNNING, IN_ERROR = 1, 2, 3  # of parameter 104, device status
 OUT_OF_RANGE = 7  # a device's answer to a value that it does not take
-LIVE_SOURCE, OWN_REGULATION = 1, 2  # of parameter 2000
+LIVE_SOURCE = 1  # of parameter 2000
+SOURCES = {CURRENTS: LIVE_SOURCE, SETPOINTS: 2}  # of the same
+TARGETS = {CURRENTS: 50001, SETPOINTS: 3000}  # parameter that holds the current, and the setpoint
 NO_OUTPUT_A = 0.1  # a current-measurement offset is no output
 ZERO_S = 0.52  # until when 0 A is tried, before the emergency stop: a late answer (0.4 s) is no disobedience
 RESET_S = 0.25  # from the acknowledgement of a reset (200 ms) until it is worth asking again
@@ -81,7 +83,7 @@ class MecomLink:
         address: int = 0,
         instance: int = 1,
         baudrate: float = 57600.0,
-        first_sequence: int | None = None,
+        first_token: int | None = None,
         trial_s: float = TRIAL_S,
     ) -> None:
         if not 0 <= address <= 254:
@@ -91,11 +93,14 @@ class MecomLink:
         self.transport = transport
         self._address = b"%02X" % address
         self.instance = b"%02X" % instance
-        self._sequence = random.randrange(0x10000) if first_sequence is None else first_sequence
+        self._sequence = random.randrange(0x10000) if first_token is None else first_token
         self._trial_s = trial_s + 2 * LONGEST_FRAME * 10.0 / baudrate
         self._byte_s = 10.0 / baudrate
         self._read_payloads: dict[int, bytes] = {}
         self.sent_s = 0.0
+
+    def be_in_step(self) -> None:
+        """Do nothing: the number of an answer proves what it belongs to."""
 
     @contextlib.contextmanager
     def patiently(self) -> Iterator[None]:
@@ -292,7 +297,9 @@ class MeerstetterController(TemperatureController):
     commands_current: ClassVar[bool] = True
     has_dead_man: ClassVar[bool] = True
     has_ramp: ClassVar[bool] = True
+    _regulates = True
     confirms_off_by: ClassVar[str] = "its status, and the current that it measures"
+    link: MecomLink
 
     def __init__(
         self,
@@ -304,7 +311,7 @@ class MeerstetterController(TemperatureController):
         kp_percent_per_K: float | None = None,
         ti_s: float | None = None,
         td_s: float | None = None,
-        first_sequence: int | None = None,
+        first_token: int | None = None,
     ) -> None:
         self.transport = transport
         self.link = MecomLink(
@@ -312,7 +319,7 @@ class MeerstetterController(TemperatureController):
             address=address,
             instance=instance,
             baudrate=line.baudrate,
-            first_sequence=first_sequence,
+            first_token=first_token,
         )
         check_gains(kp_percent_per_K=(kp_percent_per_K, 0.0, 1e3), ti_s=(ti_s, 0.0, 1e4), td_s=(td_s, 0.0, 1e3))
         self._own_gains = {3010: kp_percent_per_K, 3011: ti_s, 3012: td_s}
@@ -389,31 +396,6 @@ class MeerstetterController(TemperatureController):
             raise ValueError(f"ramp {ramp_K_per_s} K/s: 0 (none) or a positive number is expected")
         self._set_float(3003, ramp_K_per_s)
 
-    def arm_current(self) -> None:
-        """Take the live source (2000 = 1) at 0 A with the voltage limit as its voltage, enabled by 50000."""
-        self._make_ready()
-        self._set_float(50001, 0.0)
-        self._set_float(50002, self.link.read_float(2031))
-        self._enable(LIVE_SOURCE, CURRENTS)
-
-    def set_current_A(self, current_A: float) -> None:
-        """Set 50001. ValueError outside the configured limit."""
-        self._check_current(current_A)
-        self._require_armed(CURRENTS)
-        self.link.write_float(50001, self._heating_sign * current_A)
-
-    def arm_setpoint(self) -> None:
-        """Take the device's own regulation (2000 = 2), its target (3000) at the object's temperature of now."""
-        self._make_ready()
-        self._set_float(3000, self._require_within(self.read_temperature()))
-        self._enable(OWN_REGULATION, SETPOINTS)
-
-    def set_setpoint_degC(self, setpoint_degC: float) -> None:
-        """Set 3000. ValueError outside the configured limits."""
-        self._check_setpoint(setpoint_degC)
-        self._require_armed(SETPOINTS)
-        self.link.write_float(3000, setpoint_degC)
-
     def read_temperature(self) -> Reading:
         """Read the object temperature (1000), degC; `time_s` is when the request had arrived."""
         value_degC = self.link.read_float(1000)
@@ -481,18 +463,25 @@ class MeerstetterController(TemperatureController):
             and abs(self.link.read_float(1020, trials=1)) <= NO_OUTPUT_A
         )
 
-    def _enable(self, source: int, commands: str) -> None:
-        self._armed = None
-        self._set_int(2000, source)
+    def _choose(self, commands: str) -> None:
+        """Take the live source (2000 = 1) with the voltage limit as its voltage, or own regulation (2000 = 2)."""
+        if commands == CURRENTS:
+            self._set_float(50002, self.link.read_float(2031))
+        self._set_int(2000, SOURCES[commands])
+
+    def _send(self, commands: str, value: float, arming: bool) -> None:
+        """Set 50001 or 3000; read back while arming."""
+        if commands == CURRENTS:
+            value *= self._heating_sign
+        (self._set_float if arming else self.link.write_float)(TARGETS[commands], value)
+
+    def _switch_on(self, commands: str) -> None:
         self._set_int(50000, 1)
         self._set_int(2010, 2)
         wait_until_on(self.transport.clock, self.status)
-        self._armed = commands
 
     def _make_ready(self) -> None:
         """Clear the error that the device's own dead man leaves: this program fell silent itself."""
-        self._require_configured()
-        self._armed = None
         status = self.status()
         if status.is_error and self._is_the_dead_mans(status.code):
             self.clear_error()

@@ -140,7 +140,9 @@ class SrsLdc500Controller(TemperatureController):
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=9600)
     LARGEST_CURRENT: ClassVar[float] = 4.5
     commands_current: ClassVar[bool] = True
+    _regulates = True
     confirms_off_by: ClassVar[str] = "its switch read back twice, and the current that it measures"
+    link: SrsLink
 
     def __init__(
         self,
@@ -208,37 +210,6 @@ class SrsLdc500Controller(TemperatureController):
         """Read TILM, TMIN and TMAX, each asked for twice."""
         return OwnLimits(*(self._read_twice(name) for name in ("TILM", "TMIN", "TMAX")))
 
-    def arm_current(self) -> None:
-        """Choose current mode (TMOD CC) at 0 A, and switch the output on."""
-        self._require_configured()
-        self._armed = None
-        self._set("TMOD", MODES[CURRENTS])
-        self._set("TCUR", 0.0)
-        self._enable(CURRENTS)
-
-    def set_current_A(self, current_A: float) -> None:
-        """Set TCUR, read back. ValueError outside the configured limit: nothing is sent."""
-        self._check_current(current_A)
-        self.link.be_in_step()
-        self._require_armed(CURRENTS)
-        self._set_fast("TCUR", self._heating_sign * current_A, RESOLUTION_A)
-
-    def arm_setpoint(self) -> None:
-        """Choose own regulation (TMOD CT), held at the temperature of now, and switch the output on."""
-        self._require_configured()
-        self._armed = None
-        now_degC = self._require_within(self.read_temperature())
-        self._set("TMOD", MODES[SETPOINTS])
-        self._set("TEMP", now_degC, RESOLUTION_K)
-        self._enable(SETPOINTS)
-
-    def set_setpoint_degC(self, setpoint_degC: float) -> None:
-        """Set TEMP, read back. ValueError outside the configured limits: nothing is sent."""
-        self._check_setpoint(setpoint_degC)
-        self.link.be_in_step()
-        self._require_armed(SETPOINTS)
-        self._set_fast("TEMP", setpoint_degC, RESOLUTION_K)
-
     def read_temperature(self) -> Reading:
         """Read the temperature (TTRD), degC; `time_s` is when the question had arrived."""
         value_degC = self._read_twice("TTRD")
@@ -298,10 +269,18 @@ class SrsLdc500Controller(TemperatureController):
         on, again, current_A = self.link.finish().split(";")
         return on == again and _number(on) == 0.0 and abs(_number(current_A)) <= NO_OUTPUT_A
 
-    def _enable(self, commands: str) -> None:
+    def _choose(self, commands: str) -> None:
+        self._set("TMOD", MODES[commands])
+
+    def _send(self, commands: str, value: float, arming: bool) -> None:
+        """Set TCUR or TEMP, read back."""
+        name, resolution = ("TCUR", RESOLUTION_A) if commands == CURRENTS else ("TEMP", RESOLUTION_K)
+        value = self._heating_sign * value if commands == CURRENTS else value
+        (self._set if arming else self._set_fast)(name, value, resolution)
+
+    def _switch_on(self, commands: str) -> None:
         self._set("TEON", 1)
         wait_until_on(self.transport.clock, self.status)
-        self._armed = commands
 
     def _set(self, name: str, value: float, resolution: float = 0.0) -> None:
         """Set, read back, and ask for errors."""

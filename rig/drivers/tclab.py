@@ -2,8 +2,8 @@
 
 Source: the board's public firmware, TCLab-sketch 1.4.0 and 2.0.1 (older ones take whole percents only and are Refused).
 
-A heater takes a drive and cannot cool: 1 is 100 % of the heater's power limit, `full_pwm` of 255. The board truncates
-to whole steps of 1/255 of the supply, so that with the usual 200 the drive has 200 steps. It has no regulation, so no
+A heater takes a drive and cannot cool: 1 is 100 % of the heater's power limit, 200 of 255. The board truncates
+to whole steps of 1/255 of the supply, so that the drive has 200 steps. It has no regulation, so no
 setpoints, and no limits of its own: beyond 50 degC its LED blinks, that is all.
 
 It has no dead man. The text at the head of the firmware says that the heaters are shut down when no command comes for a
@@ -18,7 +18,7 @@ default, and comes again after 9999 others. After anything unexpected the line i
 what may lie half-sent, then fences until one comes back. Residual: a reply lost and another doubled in the same group.
 
 A reading is the middle one of three conversions (0.32 K each on 1.4.0, the mean of ten of them from 1.6.0), which have
-to be within `agreement_K` of each other; otherwise three more are made. Residual: all three hurt alike. A setting is
+to be within a kelvin of each other; otherwise three more are made. Residual: all three hurt alike. A setting is
 read back (R1, R2) from the board's memory; there is no ammeter.
 
 Opening the port restarts an Arduino Uno (not a Leonardo): its heaters are off then, and it listens `boot_s` later. Only
@@ -34,7 +34,7 @@ from typing import Any, ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.core.reading import Identity, Quality, Reading
-from rig.drivers.controller import DRIVES, OF_FULL_DRIVE, OFF_S, Status, TemperatureController, confirmed_off
+from rig.drivers.controller import OF_FULL_DRIVE, OFF_S, Status, TemperatureController, confirmed_off
 from rig.drivers.in_step import RESYNCHRONISATIONS, SteppedLink, retry_once
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
@@ -51,7 +51,8 @@ NUMBER = re.compile(r"-?\d{1,3}\.\d{2,3}")
 RESOLUTION_PERCENT = 0.006  # replies have two decimals or three
 LOWEST_DEGC, HIGHEST_DEGC = -40.0, 150.0  # of its thermometers, TMP36; beyond it is an open input
 LONGEST_BOOT_S = 10.0  # an Arduino needs two seconds; `peltier off` waits for it if no answer comes
-FIRMWARE_PWM = 200  # its default for heater 1
+FULL_PWM = 200.0  # power limit of 255 that is full drive: the firmware's default for heater 1
+AGREEMENT_K = 1.0  # of three conversions
 
 
 class TcLabLink(SteppedLink):
@@ -137,8 +138,8 @@ class TcLabLink(SteppedLink):
 class TcLabController(TemperatureController):
     """See `rig.drivers.controller.TemperatureController`.
 
-    heater: 1 or 2, with the thermometer of that number; the other one stays off. full_pwm: what full drive is, of 255.
-    boot_s: how long a board that restarts when its port is opened does not listen. agreement_K: see above.
+    heater: 1 or 2, with the thermometer of that number; the other one stays off.
+    boot_s: how long a board that restarts when its port is opened does not listen.
     """
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=115200)
@@ -149,6 +150,7 @@ class TcLabController(TemperatureController):
     commands_current: ClassVar[bool] = True
     confirms_off_by: ClassVar[str] = "both heaters read back twice as 0; it measures no current"
     NAME = "a TCLab"
+    link: TcLabLink
 
     def __init__(
         self,
@@ -156,17 +158,11 @@ class TcLabController(TemperatureController):
         *,
         line: LineSettings = LINE,
         heater: int = 1,
-        full_pwm: int = FIRMWARE_PWM,
         boot_s: float = 2.0,
-        agreement_K: float = 1.0,
         first_token: int | None = None,
     ) -> None:
         if heater not in (1, 2):
             raise ValueError(f"heater {heater}: 1 or 2 is expected")
-        if not 1 <= full_pwm <= 255:
-            raise ValueError(f"full_pwm {full_pwm}: 1 to 255 is expected")
-        if agreement_K <= 0.0:
-            raise ValueError(f"agreement_K {agreement_K}: more than 0 is expected")
         if not 0.0 <= boot_s <= LONGEST_BOOT_S:
             raise ValueError(f"boot_s {boot_s}: 0 to {LONGEST_BOOT_S:g} is expected")
         self.transport = transport
@@ -178,8 +174,7 @@ class TcLabController(TemperatureController):
             first_token=first_token,
             after_resynchronisation=self._check_after_doubt,
         )
-        self._heater, self._full_pwm = heater, full_pwm
-        self._byte_s, self._agreement_K = line.byte_s, agreement_K
+        self._heater, self._byte_s = heater, line.byte_s
         self._percent = 0.0
 
     @retry_once
@@ -206,25 +201,19 @@ class TcLabController(TemperatureController):
         self._armed = None
         self._set("Q1", 0.0)
         self._set("Q2", 0.0)
-        self._set(f"P{self._heater}", float(self._full_pwm))
+        self._set(f"P{self._heater}", FULL_PWM)
         self._percent = 0.0
         self.current_limit_A = current_limit_A
         self.temperature_limits_degC = temperature_limits_degC
 
-    def arm_current(self) -> None:
-        """Be ready for `set_current_A`, at no drive: the board has no such switch, this driver remembers it."""
-        self._check_current(0.0)
-        self._set(f"Q{self._heater}", 0.0)
-        self._percent, self._armed = 0.0, DRIVES
-
-    def set_current_A(self, current_A: float) -> None:
-        """Set the drive, 0 to 1 of full drive, read back. ValueError outside the limit: nothing is sent."""
-        self._check_current(current_A)
-        self.link.be_in_step()
-        self._require_armed(DRIVES)
-        percent = 100.0 * current_A
+    def _send(self, commands: str, value: float, arming: bool) -> None:
+        """Set the drive, read back."""
+        percent = 100.0 * value
         self._set(f"Q{self._heater}", percent)
         self._percent = percent
+
+    def _switch_on(self, commands: str) -> None:
+        """Do nothing: the board has no such switch."""
 
     def read_temperature(self) -> Reading:
         """Read the heater's thermometer, degC; `time_s` is when the second of three conversions was made."""
@@ -232,7 +221,7 @@ class TcLabController(TemperatureController):
         for _ in range(TRIALS):
             replies = self.link.ask(question, question, question)
             low, middle, high = sorted(self._number(reply) for reply in replies)
-            if high - low <= self._agreement_K:
+            if high - low <= AGREEMENT_K:
                 good = LOWEST_DEGC <= middle <= HIGHEST_DEGC
                 # after two questions and one reply on the line
                 time_s = self.link.sent_s + (2 * len("T1\n") + len("25.00\r\n")) * self._byte_s

@@ -24,9 +24,9 @@ request. What makes up for that:
 * after anything unexpected the line is in doubt: listened to until it has been silent for `drain_s`, then a fence until
   it comes back;
 * a temperature is read twice between fences. Two readings within `SAME_K` of each other count; otherwise three are
-  made, of which two have to be within `agreement_K`, and the middle one counts: a single one that is wrong is never it.
+  made, of which two have to be within `AGREEMENT_K`, and the middle one counts: a single one that is wrong is never it.
   The sum misses a burst that leaves it as it is, 1 of about 16 random changes of two neighbouring digits; such a burst
-  changes the value by a multiple of 15 units, 0.15 K, which is more than `agreement_K`.
+  changes the value by a multiple of 15 units, 0.15 K, which is more than `AGREEMENT_K`.
 
 Residual: of single faults none, as each of them leaves one frame too many or too few before the fence. A fence that
 only reads a constant does not distinguish an old reply from a new one: there `drain_s` has to outlast the longest
@@ -49,7 +49,6 @@ from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
 from rig.core.reading import Identity, Quality, Reading
 from rig.drivers.controller import (
     OFF_S,
-    SETPOINTS,
     STATUS_S,
     OwnField,
     OwnLimits,
@@ -71,6 +70,7 @@ LONGEST_PAUSE_S = 60.0  # of silence on a line; the slowest of these controllers
 TRIALS = 3  # of a temperature
 GAIN_UNITS = 100  # of a repeat per minute, and of a minute
 LARGEST_FIELD = 32767  # of 16 bits with a sign
+AGREEMENT_K = 0.14  # two of three readings that count, see above
 SAME_K = 0.02  # two readings that are the same but for noise
 LOWEST_DEGC, HIGHEST_DEGC = -200.0, 600.0  # a reading beyond is an open sensor
 MODEL_CODE = 9613  # a TC-48-20's answer to code 00
@@ -326,8 +326,10 @@ class TeTechnologyController(TemperatureController):
 
     LINE: ClassVar[LineSettings] = MODELS["tc-36-25"].line
     ON_VISA: ClassVar[bool] = False  # its lines do not end in LF
+    _regulates = True
     SEARCH: ClassVar[tuple[dict[str, Any], ...]] = tuple({"model": model, "drain_s": 0.1} for model in MODELS)
     confirms_off_by: ClassVar[str] = "its power switch read back; it shows no current"
+    link: TeLink
 
     def __init__(
         self,
@@ -338,7 +340,6 @@ class TeTechnologyController(TemperatureController):
         address: int = 0,
         gap_s: float = 0.01,
         drain_s: float | None = None,
-        agreement_K: float = 0.14,
         units: str | None = None,
         alarm_type: int | None = 2,
         power_read_code: str | None = None,
@@ -351,8 +352,6 @@ class TeTechnologyController(TemperatureController):
             raise ValueError(f"address {address}: 0 to 255 is expected")
         if units not in (None, "degC", "degF"):
             raise ValueError(f"units {units!r}: 'degC' or 'degF' is expected")
-        if agreement_K <= 0.0:
-            raise ValueError(f"agreement_K {agreement_K}: more than 0 is expected")
         for name, pause_s in (("gap_s", gap_s), ("drain_s", drain_s or 0.0)):
             if not 0.0 <= pause_s <= LONGEST_PAUSE_S:
                 raise ValueError(f"{name} {pause_s}: 0 to {LONGEST_PAUSE_S:g} is expected")
@@ -373,7 +372,6 @@ class TeTechnologyController(TemperatureController):
             first_token=first_token,
             after_resynchronisation=self._check_after_doubt,
         )
-        self._agreement_K = agreement_K
         self._fahrenheit: bool | None = None if units is None else units == "degF"
         self._given_units = units is not None
         self._alarm_type = alarm_type
@@ -459,21 +457,13 @@ class TeTechnologyController(TemperatureController):
         low, high = self.link.sequence(*((read, None) for _, read in self._model.limits))
         return OwnLimits(low_degC=self._degC(low), high_degC=self._degC(high))
 
-    def arm_setpoint(self) -> None:
-        """Switch the output on under the instrument's own regulation, held at the temperature of now."""
-        self._require_configured()
-        self._armed = None
-        self._set(b"1c", b"50", self._fixed(self._require_within(self.read_temperature())))
+    def _send(self, commands: str, value: float, arming: bool) -> None:
+        """Set the temperature (1c), read back."""
+        self._set(b"1c", b"50", self._fixed(value))
+
+    def _switch_on(self, commands: str) -> None:
         self._set(self._model.power_write, self._power_read, 1)
         wait_until_on(self.transport.clock, self.status)
-        self._armed = SETPOINTS
-
-    def set_setpoint_degC(self, setpoint_degC: float) -> None:
-        """Set the temperature (1c), read back. ValueError outside the configured limits: nothing is sent."""
-        self._check_setpoint(setpoint_degC)
-        self.link.be_in_step()
-        self._require_armed(SETPOINTS)
-        self._set(b"1c", b"50", self._fixed(setpoint_degC))
 
     def read_temperature(self) -> Reading:
         """Read the control sensor (01), degC; `time_s` is that of the last of two requests, or the second of three."""
@@ -486,7 +476,7 @@ class TeTechnologyController(TemperatureController):
                 return self._temperature(second, time_s)
             readings = sorted(self.link.sequence(CONTROL_SENSOR, CONTROL_SENSOR, CONTROL_SENSOR))
             time_s = self.link.arrivals_s[1]
-            if min(readings[1] - readings[0], readings[2] - readings[1]) <= self._agreement_K * per_K:
+            if min(readings[1] - readings[0], readings[2] - readings[1]) <= AGREEMENT_K * per_K:
                 return self._temperature(readings[1], time_s)
         self.link.doubt()
         raise Corrupt(f"three readings one after the other are {readings}")

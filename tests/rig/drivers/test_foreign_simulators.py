@@ -129,7 +129,7 @@ def test_mecom_on_sciglobs_controller(attach: Callable[[Instrument], str], clock
 
     def link() -> MecomLink:
         """One whose next question has the number 0, the only one that is answered."""
-        return MecomLink(Transport(open_port(address, LineSettings()), clock), first_sequence=0xFFFF)  # type: ignore[arg-type]
+        return MecomLink(Transport(open_port(address, LineSettings()), clock), first_token=0xFFFF)  # type: ignore[arg-type]
 
     first = link()
     assert first.read_int(100) == 1090

@@ -38,7 +38,7 @@ def driver_on(case: Case, instrument: Instrument, clock: VirtualClock) -> tuple[
     name = f"fuzz-{next(_numbers)}"
     address = protocol_sim.register(name, instrument, clock)
     opener = open_meter if case.meter else open_controller
-    return opener(case.driver, address, clock, **case.options, **{case.first: 1}), name
+    return opener(case.driver, address, clock, **case.options, first_token=1), name
 
 
 @pytest.mark.parametrize("case", CONTROLLERS + METERS, ids=str)

@@ -83,7 +83,7 @@ def test_setpoints_count_in_the_sensors_units(
     assert plant.current_A == pytest.approx(1.0)
     with pytest.raises(ValueError, match="outside"):
         driver.set_setpoint_degC(95.0)
-    with pytest.raises(Refused, match="not armed for drives"):
+    with pytest.raises(Refused, match="not armed for currents"):
         driver.set_current_A(0.1)
 
 

@@ -139,7 +139,7 @@ def test_published_crc_vectors(frame: bytes, crc: bytes) -> None:
 def link(attach: Attach, clock: VirtualClock, instrument: Instrument, address: int, sequence: int) -> MecomLink:
     """A link whose next command has the number `sequence`."""
     port = open_port(attach(instrument), LineSettings(57600))
-    return MecomLink(Transport(port, clock), address=address, first_sequence=sequence - 1)
+    return MecomLink(Transport(port, clock), address=address, first_token=sequence - 1)
 
 
 ACTIONS: dict[str, Callable[[MecomLink], object]] = {

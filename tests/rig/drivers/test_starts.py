@@ -50,7 +50,7 @@ def start_controller(attach: Attach, clock: VirtualClock, case: Case, number: in
     """As a bench is opened: off, who is it, limits. Returns how many replies there were."""
     emulator = emulated(case.driver, StillPlant(), **case.emulator)
     wire = OneHalfLate(emulator, number)
-    controller = open_controller(case.driver, attach(wire), clock, **case.options, **{case.first: 7})
+    controller = open_controller(case.driver, attach(wire), clock, **case.options, first_token=7)
     assert controller.off()
     controller.identify()
     controller.configure(1.0, (10.0, 95.0), 5.0)
@@ -61,7 +61,7 @@ def start_controller(attach: Attach, clock: VirtualClock, case: Case, number: in
 
 def start_meter(attach: Attach, clock: VirtualClock, case: Case, number: int) -> int:
     wire = OneHalfLate(emulated(case.driver, StillPlant(), **case.emulator), number)
-    meter = open_meter(case.driver, attach(wire), clock, **case.options, **{case.first: 7})
+    meter = open_meter(case.driver, attach(wire), clock, **case.options, first_token=7)
     meter.identify()
     meter.configure(True, 1.0, 1e-3)
     meter.transport.close()

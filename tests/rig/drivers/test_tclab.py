@@ -24,7 +24,7 @@ def board(plant: StillPlant) -> TcLab:
     return TcLab(plant)
 
 
-@pytest.mark.parametrize("options", [{"heater": 3}, {"full_pwm": 0}, {"full_pwm": 256}])
+@pytest.mark.parametrize("options", [{"heater": 3}, {"boot_s": -1.0}])
 def test_options_that_it_does_not_take(attach: Attach, clock: VirtualClock, board: TcLab, options: Any) -> None:
     with pytest.raises(ValueError, match="is expected"):
         open_controller("tclab", attach(board), clock, **options)
@@ -32,12 +32,12 @@ def test_options_that_it_does_not_take(attach: Attach, clock: VirtualClock, boar
 
 def test_the_second_heater(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
     board = TcLab(plant, heater=2)
-    driver = open_controller("tclab", attach(board), clock, heater=2, full_pwm=255)
+    driver = open_controller("tclab", attach(board), clock, heater=2)
     driver.configure(1.0, (10.0, 90.0), 5.0)
     driver.arm_current()
     driver.set_current_A(1.0)
     assert board.heaters == {1: 0.0, 2: 100.0}
-    assert plant.current_A == pytest.approx(255 / 200)
+    assert plant.current_A == pytest.approx(1.0)
     assert board.power_limits[1] <= 100.0  # the fence never raises a limit above the firmware's own
     assert driver.off()
     assert plant.current_A == 0.0

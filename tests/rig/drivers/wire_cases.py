@@ -31,7 +31,7 @@ _numbers = count()
 class Case:
     """An instrument by its driver's name, and what one of its family would say unasked.
 
-    first: name of the option that fixes the first token or number. resolution_K: of a reading; the tell-tale
+    resolution_K: of a reading; the tell-tale
     temperature rises by `rate_K_per_s`, so that a reading tells its time within the quotient of the two.
     longest_s: how long the tell-tale temperature stays within what the instrument shows. limit: of its current, or of a
     heater's drive; strong: a current, or drive, that heats.
@@ -40,7 +40,6 @@ class Case:
     driver: str
     foreign: bytes
     meter: bool = False
-    first: str = "first_token"
     rate_K_per_s: float = 0.01
     resolution_K: float = 1e-5
     fault_rate: float = 0.2
@@ -80,7 +79,7 @@ class Case:
 
 
 CONTROLLERS = (
-    Case("meerstetter", b"!0015AB41CD2F28D5C2\r", first="first_sequence"),
+    Case("meerstetter", b"!0015AB41CD2F28D5C2\r"),
     Case("te_technology", b"*00000bb8ec^", rate_K_per_s=0.5, resolution_K=0.01, fault_rate=0.1, longest_s=1100.0),
     Case(
         "te_technology",
@@ -146,7 +145,7 @@ def controller_on(
     """A configured and armed controller behind a wire that is still good."""
     emulator = emulated(case.driver, plant, **case.emulator)
     line = FaultyWire(emulator, seed=seed, rate=0.0, foreign=case.foreign, faults=faults, **wire)
-    controller = open_controller(case.driver, attach(line), clock, **case.options, **{case.first: seed % 255 + 1})
+    controller = open_controller(case.driver, attach(line), clock, **case.options, first_token=seed % 255 + 1)
     controller.configure(case.limit, (-100.0, 600.0) if case.driver != "srs_ldc500" else (-100.0, 240.0), 0.0)
     if controller.commands_current:
         controller.arm_current()
@@ -161,7 +160,7 @@ def meter_on(
     """A configured meter behind a wire that is still good."""
     emulator = emulated(case.driver, plant, **case.emulator)
     line = FaultyWire(emulator, seed=seed, rate=0.0, foreign=case.foreign, faults=faults, **wire)
-    meter = open_meter(case.driver, attach(line), clock, **case.options, **{case.first: seed % 255 + 1})
+    meter = open_meter(case.driver, attach(line), clock, **case.options, first_token=seed % 255 + 1)
     meter.configure(True, 1.0, 1e-3)
     return meter, line
 
