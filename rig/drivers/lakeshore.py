@@ -1,28 +1,22 @@
 """Lake Shore 335 and 336 temperature controllers: a heater output in current mode, and the sensor that goes with it.
 
-Source: Model 335 and 336 user's manuals, chapter 6 (interface commands; status system, section 6.2.5; `;` lists
-answered in one line) and chapter 4 (heater outputs); the line is that of their USB ports. Not verified on an
-instrument: that lines of 80 characters are taken, that MOUT counts in percent of full power if the output shows power,
-how soon a setting reads back (some read an old setpoint for a while: it is asked for until `SETTLE_S` is over), how
-many decimals TLIMIT keeps.
+Source: Model 335 and 336 user's manuals, chapter 6 (interface commands; status system, section 6.2.5) and chapter 4
+(heater outputs); the line is that of their USB ports. Not verified on an instrument: that lines of 80 characters are
+taken, that MOUT counts in percent of full power if the output shows power, how soon a setting reads back (it is asked
+for until `SETTLE_S` is over), how many decimals TLIMIT keeps.
 
 An output takes a drive and cannot cool: 1 is full power of its range, option `range` ("high", and a tenth and a
-hundredth of that power). The driver lets the output show power, and leaves the heater's resistance and largest current
-(HTRSET) as they are set at the front panel, unless `max_current_A` is given. For setpoints it uses the instrument's own
-PID with the gains that it has; these setpoints are in the sensor's own units (INTYPE), which are asked for.
-
-It has an upper temperature limit of its own (TLIMIT), which switches all outputs off, and a ramp; no lower one, no
-current limit in these units, and no dead man: when the host falls silent the output stays as it is.
+hundredth of that power). The heater's resistance and largest current (HTRSET) stay as they are set at the front panel,
+unless `max_current_A` is given. For setpoints it uses the instrument's own PID; they are in the sensor's own units
+(INTYPE), which are asked for. It has an upper temperature limit of its own (TLIMIT), which switches all outputs off,
+and a ramp; no lower one, no current limit in these units, and no dead man.
 
 A line asks its questions and ends in `*ESE?;*ESE m;*ESE?;*ESE n`, as in `rig.drivers.scpi` but with two tokens: the one
-that the line before has left, and one of its own. Of the event status enable register only the bits that the instrument
-uses (OPC, QYE, EXE, CME, PON) are sure to be kept, 31 numbers; the pair counts through 961: another message's whole
-answer passes if both are the right ones. There is no error queue and no character that aborts; `*ESR?` reports what was
-not understood, and an end of line closes what may lie half-sent.
-
-There is no checksum: a reading is asked for twice in one line, a token between and one behind, and counts if both are
-alike; settings are read back. At 57600 Bd a temperature takes 21 ms; the instrument makes ten readings a second, so
-that one is up to 0.1 s older than its time says.
+that the line before has left, and one of its own. Only the bits of the register that the instrument uses (OPC, QYE,
+EXE, CME, PON) are sure to be kept, 31 numbers; the pair counts through 961. There is no error queue and no character
+that aborts; `*ESR?` reports what was not understood, and an end of line closes what may lie half-sent. A reading is
+asked for twice in one line, a token between and one behind, and counts if both are alike; settings are read back. The
+instrument makes ten readings a second, so that one is up to 0.1 s older than its time says.
 """
 
 from __future__ import annotations

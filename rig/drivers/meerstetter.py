@@ -139,19 +139,12 @@ class MecomLink:
         return value
 
     def write_float(self, parameter: int, value: float, trials: int = TRIALS) -> None:
-        """Set a FLOAT32 parameter; ValueError for nan and for a number that does not fit."""
-        if not isfinite(value):
-            raise ValueError(f"parameter {parameter} cannot be set to {value}")
-        try:
-            text = _float32.pack(value).hex().upper()
-        except OverflowError:
-            raise ValueError(f"parameter {parameter}: {value} does not fit into a FLOAT32") from None
+        """Set a FLOAT32 parameter."""
+        text = _float32.pack(value).hex().upper()
         self._exchange(b"VS%04X%b%b" % (parameter, self.instance, text.encode()), True, trials)
 
     def write_int(self, parameter: int, value: int, trials: int = TRIALS) -> None:
-        """Set an INT32 parameter; ValueError for a number that does not fit."""
-        if not -0x80000000 <= value <= 0x7FFFFFFF:
-            raise ValueError(f"parameter {parameter}: {value} does not fit into an INT32")
+        """Set an INT32 parameter."""
         self._exchange(b"VS%04X%b%08X" % (parameter, self.instance, value & 0xFFFFFFFF), True, trials)
 
     def _read(self, parameter: int, trials: int) -> bytes:

@@ -6,17 +6,14 @@ pulse), `*ESE`, how a number is written, TIGN and TDGN (their names, and that TI
 
 A line asks its questions and ends in `*ESE?;*ESE n`, as in `rig.drivers.scpi`, within 64 bytes. Answers may come one by
 one or joined with `;`, and with any terminator: as many are awaited as there are questions, the token the last. An
-instrument that was set to no terminator, or to CR alone, is set to CR and LF (the instrument keeps TERM, so this is
-done only if it does not answer otherwise). There is no character that aborts; a line end closes what may lie half-sent
-in the buffer. Settings are silent. Errors are asked for after a pause, because the instrument takes some milliseconds
-to log them.
+instrument with no terminator, or CR alone, is set to CR and LF (only if it does not answer otherwise, as it keeps
+TERM). A line end closes what may lie half-sent in the buffer. Errors are asked for after a pause, because the
+instrument takes some milliseconds to log them.
 
-There is no checksum. A reading is asked for twice in one line, with a token between and one behind, and counts if both
-are alike; a setting is read back in the line that sets it. One garbled on its way acts until the read-back has shown
-it, some 50 ms at 9600 Bd; the instrument's own limits (TILM, TMIN, TMAX) hold meanwhile.
-
-It has no dead man: when the host falls silent the output stays as it is. At 9600 Bd a temperature takes 63 ms and a
-current 58 ms: with both, a period of 0.2 s is right.
+A reading is asked for twice in one line, with a token between and one behind, and counts if both are alike; a setting
+is read back in the line that sets it. One garbled on its way acts until the read-back has shown it, some 50 ms at 9600
+Bd; the instrument's own limits (TILM, TMIN, TMAX) hold meanwhile. It has no dead man. At 9600 Bd a temperature takes 63
+ms and a current 58 ms: with both, a period of 0.2 s is right.
 """
 
 from __future__ import annotations

@@ -2,28 +2,24 @@
 
 Source: the board's public firmware, TCLab-sketch 1.4.0 and 2.0.1 (older ones take whole percents only and are Refused).
 
-A heater takes a drive and cannot cool: 1 is 100 % of the heater's power limit, 200 of 255. The board truncates
-to whole steps of 1/255 of the supply, so that the drive has 200 steps. It has no regulation, so no
-setpoints, and no limits of its own: beyond 50 degC its LED blinks, that is all.
-
-It has no dead man. The text at the head of the firmware says that the heaters are shut down when no command comes for a
-while; the code did so after 300 s in 2017 (0.03), and from 1.1.0 on it does not. But an unknown command, such as a
-garbled one, switches both heaters off.
+A heater takes a drive and cannot cool: 1 is 100 % of the heater's power limit, 200 of 255, in 200 steps. It has no
+regulation, so no setpoints, and no limits of its own. It has no dead man: the text at the head of the firmware says so,
+the code had one in 2017 (0.03) and none from 1.1.0 on. But an unknown command, such as a garbled one, switches both
+heaters off.
 
 A command is a line, and so is its reply; nothing in a reply names its command, there is no checksum, and the board
 obeys in order. A fence closes every group of commands: the power limit of the heater that is not in use (P2 for heater
-1) is set to a number that counts up, and the board answers with it. If every command has had one line, and the fence
-its own, none of them was an older one's. The number stays between 0.01 and 100.00, which is never above the board's own
-default, and comes again after 9999 others. After anything unexpected the line is in doubt: an end of line, which closes
-what may lie half-sent, then fences until one comes back. Residual: a reply lost and another doubled in the same group.
+1) is set to a number that counts up from 0.01 to 100.00 (never above the board's own default), and the board answers
+with it. If every command has had one line, and the fence its own, none of them was an older one's. A line in doubt gets
+an end of line, which closes what may lie half-sent, then fences until one comes back. Residual: a reply lost and
+another doubled in the same group.
 
 A reading is the middle one of three conversions (0.32 K each on 1.4.0, the mean of ten of them from 1.6.0), which have
-to be within a kelvin of each other; otherwise three more are made. Residual: all three hurt alike. A setting is
-read back (R1, R2) from the board's memory; there is no ammeter.
+to be within a kelvin of each other. Residual: all three hurt alike. A setting is read back (R1, R2) from the board's
+memory; there is no ammeter.
 
 Opening the port restarts an Arduino Uno (not a Leonardo): its heaters are off then, and it listens `boot_s` later. Only
-the first exchange waits for that. A port that is opened anew in mid-run is not waited for: a STOP may be behind that
-exchange, and a board that has restarted ends the run anyway.
+the first exchange waits for that: a port that is opened anew in mid-run may have a STOP behind that exchange.
 """
 
 from __future__ import annotations

@@ -2,39 +2,32 @@
 
 Sources: TC-36-25 RS232 manual, Appendix C p. 42 to 50 (codes are hexadecimal); TC-48-20 manual, Appendix B p. 48 to 54.
 
-They command power in percent, never amperes, so the current is unknown, and the rig falls back to setpoints for the
-instrument's own regulation. The current limit cannot be set either (the supply's voltage over the element's resistance
-is what it is). There is no dead man.
+They command power in percent, never amperes, so the current is unknown and cannot be limited, and the rig falls back to
+setpoints for the instrument's own regulation. There is no dead man.
 
-TC-36-25: writing to its EEPROM (some 1e6 times) is switched off (34) before anything else is written; the working units
-(4b) are read before a temperature is trusted; the fence's number goes to the control deadband (25), which only the
-deadband type of control uses, and the driver chooses PID (2b). Not verified: that alarm type 2 is fixed alarms, that
-the deadband takes 0.01 to 99.99.
-TC-48-20: no code is known that reads its units (`units` has to be given), switches its EEPROM off or sets its alarms;
-its output enable reads back by code 64 (not verified: `power_read_code`); the model number (00) is its fence.
+TC-36-25: writing to its EEPROM (some 1e6 times) is switched off (34) first; the working units (4b) are read before a
+temperature is trusted; the fence's number goes to the control deadband (25), which only the deadband type of control
+uses, and the driver chooses PID (2b). Not verified: that alarm type 2 is fixed alarms, that the deadband takes 0.01 to
+99.99. TC-48-20: no code is known that reads its units (`units` has to be given), switches its EEPROM off or sets its
+alarms; its output enable reads back by code 64 (not verified: `power_read_code`); the model number (00) is its fence.
 
 Frames have lower-case hexadecimal and an 8-bit sum (`sim.instruments.te_technology`); nothing in a reply names its
 request. What makes up for that:
 
 * one request at a time, `gap_s` after the last byte; bytes that come unasked put the line in doubt;
-* a fence closes every sequence of requests. If the model has a register that can hold anything without a consequence, a
-  number that counts up is written there, and the reply to a write is the value; otherwise a value that no temperature
-  has is read. The instrument answers in order, so if every request has had one reply, and the fence its own, then none
-  of them was an older one's;
-* after anything unexpected the line is in doubt: listened to until it has been silent for `drain_s`, then a fence until
-  it comes back;
-* a temperature is read twice between fences. Two readings within `SAME_K` of each other count; otherwise three are
-  made, of which two have to be within `AGREEMENT_K`, and the middle one counts: a single one that is wrong is never it.
-  The sum misses a burst that leaves it as it is, 1 of about 16 random changes of two neighbouring digits; such a burst
-  changes the value by a multiple of 15 units, 0.15 K, which is more than `AGREEMENT_K`.
+* a fence closes every sequence: a number that counts up is written to a register where it has no consequence, and the
+  reply to a write is the value; without such a register a value that no temperature has is read. The instrument answers
+  in order, so if every request has had one reply, and the fence its own, none of them was an older one's;
+* a line in doubt is listened to until it has been silent for `drain_s`, then a fence is sent until it comes back;
+* a temperature is read twice between fences. Two readings within `SAME_K` count; otherwise three are made, of which two
+  have to be within `AGREEMENT_K`, and the middle one counts. The sum misses 1 of some 16 random changes of two
+  neighbouring digits; these change the value by a multiple of 0.15 K, more than `AGREEMENT_K`.
 
-Residual: of single faults none, as each of them leaves one frame too many or too few before the fence. A fence that
-only reads a constant does not distinguish an old reply from a new one: there `drain_s` has to outlast the longest
-delay. Of double faults (one reply lost, another doubled) in one sequence, a reading made twice can be its first half
-twice: right, and one exchange older than its time says. A plate faster than 3 K/s moves by more than the agreement
-between two readings at 9600 Bd, and is never read.
-
-At 9600 Bd an exchange takes 45 ms, a temperature three of them, a setpoint three: a period of 0.5 s is right.
+Residual: of single faults none. A fence that only reads a constant does not distinguish an old reply from a new one:
+there `drain_s` has to outlast the longest delay. Of double faults (one reply lost, another doubled) a reading can be
+one exchange older than its time says. A plate faster than 3 K/s moves by more than the agreement between two readings
+at 9600 Bd, and is never read. At 9600 Bd an exchange takes 45 ms, a temperature or a setpoint three: a period of 0.5 s
+is right.
 """
 
 from __future__ import annotations

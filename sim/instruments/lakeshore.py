@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 from math import inf, isnan, nan
 from typing import ClassVar
 
-from sim.instruments.instrument import Plant
-from sim.instruments.regulator import TICK_S, Regulator, Ticking
+from sim.instruments.instrument import TICK_S, Plant, Regulator, Ticking
 from sim.instruments.scpi import DATA_OUT_OF_RANGE, MISSING_PARAMETER, Parameters, ScpiError, ScpiInstrument
 
 KELVIN = 273.15  # 0 degC in K

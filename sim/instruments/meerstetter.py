@@ -32,8 +32,7 @@ from dataclasses import dataclass
 from math import copysign, inf, isfinite, isnan, nan
 from typing import ClassVar
 
-from sim.instruments.instrument import Plant, SerialInstrument
-from sim.instruments.regulator import TICK_S, Regulator, Ticking
+from sim.instruments.instrument import TICK_S, Plant, Regulator, SerialInstrument, Ticking
 
 READY, RUN, ERROR, RESETTING = 1, 2, 3, 5  # of parameter 104
 EMERGENCY_STOP, SENSOR_OPEN, BELOW_LIMIT, ABOVE_LIMIT, CHANGED_TOO_FAST = 11, 134, 137, 138, 139  # device errors

@@ -21,8 +21,7 @@ from collections import deque
 from collections.abc import Callable
 from math import copysign, isfinite, isnan, nan
 
-from sim.instruments.instrument import Plant, SerialInstrument
-from sim.instruments.regulator import Regulator, Ticking
+from sim.instruments.instrument import Plant, Regulator, SerialInstrument, Ticking
 
 LONGEST_INPUT, LONGEST_OUTPUT = 64, 256  # bytes of its buffers
 TERMINATORS = (b"", b"\r", b"\n", b"\r\n", b"\n\r")

@@ -33,8 +33,7 @@ from dataclasses import dataclass
 from math import inf, isnan
 from typing import ClassVar
 
-from sim.instruments.instrument import Plant, SerialInstrument
-from sim.instruments.regulator import Regulator, Ticking
+from sim.instruments.instrument import Plant, Regulator, SerialInstrument, Ticking
 
 FULL_POWER = 511  # of the power's scale, 100 %
 HIGH, LOW, OPEN_1, OPEN_2 = 1, 2, 16, 32  # bits of the alarms

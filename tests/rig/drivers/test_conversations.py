@@ -9,35 +9,43 @@ from typing import Any
 
 import pytest
 
+from rig.core import errors
 from rig.core.clock import VirtualClock
-from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
+from rig.core.errors import Corrupt, InstrumentError, Refused, TimedOut
 from rig.drivers import registry
 from rig.drivers.scpi_meters import set_filter
 from sim.instruments.instrument import Instrument, emulated
-from tests.rig.drivers.conversation import Conversation, scripted
+from tests.rig.drivers.far_ends import Conversation, scripted
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 Exchange = tuple[bytes, bytes]
+Wrong = tuple[bytes, type[InstrumentError]]
+TALKS: dict[str, list[Exchange]] = {}  # (request, reply) of each exchange, by heading: driver, and what it is about
+WRONG: dict[tuple[str, bytes], list[Wrong]] = {}  # by driver and request: what is no reply
 
 
-def read_conversations() -> dict[str, list[Exchange]]:
-    """Return (request, reply) of each exchange, by heading: the driver's name, and what else it is about."""
-    found: dict[str, list[Exchange]] = {}
-    exchanges: list[Exchange] = []
-    request = b""
+def read_conversations() -> None:
+    heading, request = "", b""
     for line in Path(__file__).with_name("conversations.txt").read_text(encoding="utf-8").splitlines():
-        said = codecs.escape_decode(line[2:].encode())[0]  # type: ignore[attr-defined]
-        if line.startswith("== "):
-            exchanges = found[line[3:]] = []
-        elif line.startswith(">"):
-            request = said
-        elif line.startswith("<"):
-            exchanges.append((request, said))
-    return found
+        kind, text = line[:1], line[2:]
+        if kind == "=":
+            heading = line[3:]
+            TALKS[heading] = []
+        elif kind == "!":
+            name, _, text = text.partition("  # ")[0].partition(" ")
+            WRONG.setdefault((heading, request), []).append((_bytes(text), getattr(errors, name)))
+        elif kind == ">":
+            request = _bytes(text)
+        elif kind == "<":
+            TALKS[heading].append((request, _bytes(text)))
 
 
-TALKS = read_conversations()
+def _bytes(text: str) -> bytes:
+    return bytes(codecs.escape_decode(text.encode())[0])  # type: ignore[attr-defined]
+
+
+read_conversations()
 
 
 def read_ohms(meter: Any) -> None:
@@ -95,74 +103,15 @@ def test_the_emulator_holds_it(plant: StillPlant, name: str) -> None:
 
 # ---- answers that are none ------------------------------------------------------------------------
 
-ASKED = {"srs_ldc500": b"TTRD?", "lakeshore": b"CRDG?", "tclab": b"T1", "hp34401a": b"INIT"}  # others: READ?
-WRONG: dict[str, list[tuple[bytes, type[InstrumentError]]]] = {
-    "keithley2000": [
-        (b"+2.34567890E+04;+2.34567890E+04;11\n", OutOfStep),  # the reading before, once more
-        (b"+2.34567890E+04;+2.34567890E+04;0\n", OutOfStep),  # restarted in between
-        (b"+2.34567890E+04;+2.34567891E+04;12\n", Corrupt),  # a flipped digit
-        (b"+2.3456789E+04;+2.34567890E+04;12\n", Corrupt),  # a lost one
-        (b"+2.34567890E+04;12\n", Corrupt),
-        (b"2.34567890E+04;2.34567890E+04;12\n", Corrupt),
-        (b"+2.3\xff567890E+04;+2.3\xff567890E+04;12\n", Corrupt),
-        (b"+2.34567890E+04\n", Corrupt),
-        (b"KEITHLEY INSTRUMENTS INC.,MODEL 2000,0812345,A20  /A02\n", Corrupt),
-        (b"\n", Corrupt),
-        (b"+2.34567890E+04;+2.34567890E+04;12", TimedOut),  # no terminator
-        (b"", TimedOut),
-    ],
-    "hp34401a": [
-        (b"+2.34567890E+04;+2.34567890E+04;+11\r\n", Corrupt),  # the reading before: a token with a sign
-        (b"+2.34567890E+04;+2.34567890E+04;11\r\n", OutOfStep),
-        (b"+2.34567890E+04;+2.34567891E+04;+12\r\n", Corrupt),
-        (b"+2.34567890E+04;+2.34567890E+04;+12\r", TimedOut),
-    ],
-    "keithley2400": [
-        (b"+1.000000E-04,+2.345679E+04;+1.000000E-04,+2.345679E+04;15\n", OutOfStep),  # another current
-        (b"+1.000000E-05,+2.345679E+04;+1.000000E-05,+2.345678E+04;15\n", Corrupt),
-        (b"+2.345679E+04;+2.345679E+04;15\n", Corrupt),
-        (b"+1.000000E-05,2.345679E+04;+1.000000E-05,2.345679E+04;15\n", Corrupt),
-        (b"+1.000000E-05,+2.345679E+04;+1.000000E-05,+2.345679E+04;14\n", OutOfStep),
-    ],
-    "keithley2450": [
-        (b"1.0000000E-04, 2.3456789E+04;1.0000000E-04, 2.3456789E+04;14\n", OutOfStep),  # another current
-        (b"1.0000000E-05, 2.3456789E+04;1.0000000E-05, 2.3456788E+04;14\n", Corrupt),
-        (b"2.3456789E+04;2.3456789E+04;14\n", Corrupt),
-        (b"1.0000000E-05, 2.3456789E+04;1.0000000E-05, 2.3456789E+04;13\n", OutOfStep),
-    ],
-    "lakeshore": [
-        (b"+025.000;000;021;+025.000;000;020;001\r\n", OutOfStep),  # what another line has left
-        (b"+025.000;000;021;+025.000;000;021;004\r\n", OutOfStep),  # another line's own
-        (b"+025.000;000;021;+025.000;000;000;001\r\n", OutOfStep),  # it has restarted
-        (b"+025.000;000;021;021;001\r\n", Corrupt),
-        (b"+025.000\r\n", OutOfStep),
-    ],
-    "srs_ldc500": [
-        (b"25.648\r\n8\r\n25.648\r\n8\r\n", OutOfStep),  # the answer before, once more
-        (b"25.648\r\n0\r\n25.648\r\n0\r\n", OutOfStep),  # restarted in between
-        (b"25.648\r\n9\r\n25.648\r\nx\r\n", Corrupt),
-        (b"25.6\r\n25.648\r\n9\r\n25.648\r\n9\r\n", InstrumentError),
-    ],
-    "tclab": [
-        (b"24.77\r\n24.77\r\n24.77\r\n0.14\r\n", OutOfStep),  # the fence of before
-        (b"24.77\r\n24.77\r\n24.77\r\n24.77\r\n0.15\r\n", OutOfStep),
-        (b"24.77\r\n24.77\r\n24.77\r\n0.15\r\n24.77\r\n", OutOfStep),
-        (b"24.77\r\n2477\r\n24.77\r\n0.15\r\n", Corrupt),
-        (b"24.77\r\nSTOP\r\n24.77\r\n0.15\r\n", Corrupt),
-        (b"24.77\r\nnan\r\n24.77\r\n0.15\r\n", Corrupt),
-    ],
-}
-
 
 def before_the_reading(driver: str) -> tuple[list[Exchange], bytes]:
     """Return the exchanges before the reading, and the request for it."""
-    asked = ASKED.get(driver, b":READ?")
-    index = next(k for k, (request, _) in enumerate(TALKS[driver]) if request.startswith(asked))
+    index = max(k for k, (request, _) in enumerate(TALKS[driver]) if (driver, request) in WRONG)
     return TALKS[driver][:index], TALKS[driver][index][0]
 
 
 @pytest.mark.parametrize(
-    ("driver", "reply", "error"), [(driver, *wrong) for driver, wrongs in WRONG.items() for wrong in wrongs]
+    ("driver", "reply", "error"), [(driver, *wrong) for (driver, _), wrongs in WRONG.items() for wrong in wrongs]
 )
 def test_a_wrong_answer_is_no_reading(
     attach: Attach, clock: VirtualClock, driver: str, reply: bytes, error: type[InstrumentError]

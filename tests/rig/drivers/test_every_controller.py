@@ -14,7 +14,7 @@ from rig.core.reading import Quality
 from rig.drivers.controller import OwnLimits, cools, drive_unit
 from rig.drivers.registry import open_controller
 from sim.instruments.instrument import Instrument, emulated
-from tests.rig.drivers.conversation import Conversation
+from tests.rig.drivers.far_ends import Conversation
 from tests.rig.drivers.still_plant import StillPlant
 from tests.rig.drivers.wire_cases import CONTROLLERS, Case
 

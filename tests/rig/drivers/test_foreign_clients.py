@@ -51,41 +51,36 @@ def serve(plant: StillPlant) -> Iterator[Serve]:
 # ---- PyMeasure ------------------------------------------------------------------------------------
 
 
+def kept(client: Any, **values: object) -> None:
+    """What is set reads back."""
+    for name, value in values.items():
+        setattr(client, name, value)
+        assert getattr(client, name) == value, name
+
+
 def exercise_keithley2000(meter: Any, plant: StillPlant) -> None:
     assert "MODEL 2000" in meter.id
     meter.reset()
     for wires, prefix, mode in ((2, "resistance", "resistance"), (4, "resistance_4W", "resistance 4W")):
         plant.resistance_ohm = 123.456
         meter.measure_resistance(1e3, wires)
-        assert meter.mode == mode
-        assert getattr(meter, prefix + "_range") == 1e3
-        assert meter.resistance == 123.456
-        for name, value in (("nplc", 0.1), ("digits", 5), ("reference", 2.5), ("range", 1e5)):
-            setattr(meter, f"{prefix}_{name}", value)
-            assert getattr(meter, f"{prefix}_{name}") == value
+        assert (meter.mode, getattr(meter, prefix + "_range"), meter.resistance) == (mode, 1e3, 123.456)
+        values = {"nplc": 0.1, "digits": 5, "reference": 2.5, "range": 1e5}
+        kept(meter, **{f"{prefix}_{name}": value for name, value in values.items()})
         assert plant.test_current_A == 1e-5
         meter.auto_range()
-        assert meter.resistance == 123.456
-        assert getattr(meter, prefix + "_range") == 1e3
+        assert (meter.resistance, getattr(meter, prefix + "_range")) == (123.456, 1e3)
         plant.resistance_ohm = math.inf
         assert meter.resistance == 9.9e37
-        meter.enable_filter()
-        meter.disable_filter()
-        meter.enable_reference()
-        meter.acquire_reference()
-        meter.disable_reference()
+        for name in ("enable_filter", "disable_filter", "enable_reference", "acquire_reference", "disable_reference"):
+            getattr(meter, name)()
     plant.resistance_ohm = 77.0
-    meter.trigger_count = 3
-    assert meter.trigger_count == 3
+    kept(meter, trigger_count=3)
     assert meter.resistance == [77.0, 77.0, 77.0]
-    meter.trigger_delay = 0.25
-    assert meter.trigger_delay == 0.25
-    meter.beep_state = "enabled"
-    assert meter.beep_state == "enabled"
+    kept(meter, trigger_delay=0.25, beep_state="enabled")
     meter.beep(440, 0.1)
-    meter.local()
-    meter.remote()
-    meter.remote_lock()
+    for name in ("local", "remote", "remote_lock"):
+        getattr(meter, name)()
     assert meter.check_errors() == []
 
 
@@ -94,27 +89,18 @@ def exercise_hp34401a(meter: Any, plant: StillPlant) -> None:
     assert meter.id.startswith("HEWLETT-PACKARD,34401A")
     plant.resistance_ohm = 123.456
     for function in ("R2W", "R4W"):
-        meter.function_ = function
-        assert meter.function_ == function
-        meter.range_ = 1000
-        assert (meter.range_, meter.autorange) == (1e3, False)
-        meter.nplc = 0.2
-        assert meter.nplc == 0.2
+        kept(meter, function_=function, range_=1000, autorange=False, nplc=0.2)
         assert plant.test_current_A == 1e-3
         assert meter.reading == 123.456
     meter.init_trigger()
-    assert meter.stored_reading == 123.456
-    assert meter.stored_readings_count == 1
+    assert (meter.stored_reading, meter.stored_readings_count) == (123.456, 1)
     meter.sample_count = 3
     assert list(meter.reading) == [123.456] * 3
     plant.resistance_ohm = math.inf
     assert list(meter.reading) == [9.9e37] * 3
     plant.resistance_ohm = 77.0
     assert meter.resistance_4w == 77.0
-    meter.autozero_enabled = False
-    assert meter.autozero_enabled is False
-    meter.autorange = True
-    assert meter.autorange is True
+    kept(meter, autozero_enabled=False, autorange=True)
     assert (meter.terminals_used, meter.scpi_version) == ("FRONT", 1991.0)
     meter.beep()
     assert meter.ask("SYST:ERR?").strip() == '+0,"No error"'
@@ -126,17 +112,13 @@ def exercise_keithley2400(meter: Any, plant: StillPlant) -> None:
     meter.reset()
     plant.resistance_ohm = 1234.5
     meter.measure_resistance(nplc=0.1, resistance=2e3, auto_range=False)
-    assert meter.resistance_range == 2e3
-    assert meter.resistance_mode_auto_enabled is False
+    assert (meter.resistance_range, meter.resistance_mode_auto_enabled) == (2e3, False)
     meter.resistance_mode_auto_enabled = True
     meter.enable_source()
-    assert meter.source_enabled is True
-    assert plant.test_current_A == 1e-3
-    assert meter.resistance == 1234.5
+    assert (meter.source_enabled, plant.test_current_A, meter.resistance) == (True, 1e-3, 1234.5)
     meter.resistance_range_auto_enabled = True
     plant.resistance_ohm = 1.5e5
-    assert meter.resistance == 1.5e5
-    assert plant.test_current_A == 1e-5
+    assert (meter.resistance, plant.test_current_A) == (1.5e5, 1e-5)
     meter.resistance_range = 2e4
     assert meter.resistance == 9.9e37
     plant.resistance_ohm = 1000.0
@@ -144,17 +126,9 @@ def exercise_keithley2400(meter: Any, plant: StillPlant) -> None:
     meter.source_current = 5e-4
     meter.compliance_voltage = 10.0
     everything = meter.measure_all()
-    assert everything["voltage"] == 0.5
-    assert everything["current"] == 5e-4
-    assert everything["resistance"] == 1000.0
-    assert meter.current == 5e-4
-    assert meter.voltage == 0.5
-    meter.wires = 4
-    assert meter.wires == 4
-    meter.trigger_count = 2
-    assert meter.trigger_count == 2
-    meter.filter_count = 5
-    assert meter.filter_count == 5
+    assert [everything[name] for name in ("voltage", "current", "resistance")] == [0.5, 5e-4, 1000.0]
+    assert (meter.current, meter.voltage) == (5e-4, 0.5)
+    kept(meter, wires=4, trigger_count=2, filter_count=5)
     meter.auto_output_off_enabled = False
     meter.disable_source()
     assert meter.check_errors() == []
@@ -165,15 +139,13 @@ def exercise_keithley2450(meter: Any, plant: StillPlant) -> None:
     assert "MODEL 2450" in meter.id
     plant.resistance_ohm = 1234.5
     meter.measure_resistance(nplc=0.1, resistance=2e3, auto_range=False)
-    meter.wires = 4
-    assert (meter.wires, meter.resistance_range, meter.resistance_nplc) == (4, 2e3, 0.1)
+    kept(meter, wires=4)
+    assert (meter.resistance_range, meter.resistance_nplc) == (2e3, 0.1)
     meter.enable_source()
-    assert meter.resistance == 1234.5
-    assert plant.test_current_A == 1e-3
+    assert (meter.resistance, plant.test_current_A) == (1234.5, 1e-3)
     meter.source_mode = "current"
     meter.source_current = 5e-4
-    meter.compliance_voltage = 10.0
-    assert meter.compliance_voltage == 10.0
+    kept(meter, compliance_voltage=10.0)
     meter.measure_voltage(nplc=0.1, voltage=2.0, auto_range=False)
     assert meter.voltage == pytest.approx(0.61725)
     meter.disable_source()
@@ -185,27 +157,18 @@ def exercise_ldc500(controller: Any, plant: StillPlant) -> None:
     assert controller.id.startswith("Stanford Research Systems,LDC501")
     tec = controller.tec
     tec.mode = "CC"
-    tec.current_limit = 3.0
-    assert tec.current_limit == 3.0
-    tec.current_setpoint = -1.25
-    assert tec.current_setpoint == -1.25
-    tec.enabled = True
-    assert tec.enabled is True
-    assert plant.current_A == -1.25
-    assert (tec.current, tec.voltage) == (-1.25, -2.5)
+    kept(tec, current_limit=3.0, current_setpoint=-1.25, enabled=True)
+    assert (plant.current_A, tec.current, tec.voltage) == (-1.25, -1.25, -2.5)
     tec.current_limit = 1.0
     assert (tec.current_setpoint, plant.current_A) == (-1.0, -1.0)
-    tec.temperature_limits = (10.0, 90.0)
-    assert tec.temperature_limits == (10.0, 90.0)
+    kept(tec, temperature_limits=(10.0, 90.0))
     with pytest.raises(Exception, match=r"\[1, 0\]"):
         tec.temperature_setpoint = 95.0
-    tec.temperature_setpoint = 42.5
-    assert tec.temperature_setpoint == 42.5
+    kept(tec, temperature_setpoint=42.5)
     tec.mode = "CT"
     assert tec.temperature_setpoint == 25.0
     plant.temperature_degC = 31.25
-    assert tec.temperature == 31.25
-    assert tec.thermometer_type == 3
+    assert (tec.temperature, tec.thermometer_type) == (31.25, 3)
     tec.enabled = False
     assert controller.check_errors() == [0, 0]
     assert plant.current_A == 0.0
@@ -417,15 +380,11 @@ def test_makers_client(makers_client: Any, plant: StillPlant) -> None:
     assert model.get_heater_setup(1)["max_current"] == 0.5
     model.set_heater_output_mode(1, model.HeaterOutputMode.OPEN_LOOP, model.InputSensor.CHANNEL_A)
     assert model.get_heater_output_mode(1)["mode"] == model.HeaterOutputMode.OPEN_LOOP
-    model.set_manual_output(1, 40.0)
-    assert model.get_manual_output(1) == 40.0
-    model.set_heater_range(1, model.HeaterRange.HIGH)
-    assert model.get_heater_range(1) == model.HeaterRange.HIGH
+    for name, value in (("manual_output", 40.0), ("heater_range", model.HeaterRange.HIGH), ("control_setpoint", 320.0)):
+        getattr(model, f"set_{name}")(1, value)
+        assert getattr(model, f"get_{name}")(1) == value
     assert plant.current_A == pytest.approx(0.4)
-    assert model.get_heater_output(1) == 40.0
-    assert model.get_heater_status(1) == model.HeaterError.NO_ERROR
-    model.set_control_setpoint(1, 320.0)
-    assert model.get_control_setpoint(1) == 320.0
+    assert (model.get_heater_output(1), model.get_heater_status(1)) == (40.0, model.HeaterError.NO_ERROR)
     model.set_temperature_limit("A", 400.0)
     assert model.get_temperature_limit("A") == 400.0
     model.set_setpoint_ramp_parameter(1, True, 10.5)

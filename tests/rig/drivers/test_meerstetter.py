@@ -16,9 +16,8 @@ from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
 from sim.instruments.meerstetter import MeerstetterTec
-from tests.rig.drivers.conversation import Conversation
+from tests.rig.drivers.far_ends import Conversation
 from tests.rig.drivers.still_plant import StillPlant
-from tests.rig.drivers.transcripts import MECOM, OBJECT_TEMPERATURE_DEGC
 
 Attach = Callable[[Instrument], str]
 
@@ -110,89 +109,106 @@ def test_a_limit_that_somebody_changed_is_told(controller: MeerstetterController
 
 # ---- captured exchanges ---------------------------------------------------------------------------
 
+# Source: Meerstetter 5117C and 5136AL (official captures), tests of the sciglob library for the target of 20.0.
+# request and reply without their CR, the call of a link that makes it, and what that returns
+OBJECT_DEGC = pytest.approx(25.648026, abs=1e-6)
+Call = Callable[[MecomLink], object]
+TEMPERATURE: Call = lambda mecom: mecom.read_float(1000)  # noqa: E731
+CAPTURED: list[tuple[bytes, bytes, Call, object]] = [
+    (b"#0015AA?IF62AE", b"!0015AA8065-TEC SW G01     7199", lambda it: it.query(b"?IF"), b"8065-TEC SW G01     "),
+    (b"#0115AA?IF257D", b"!0115AA8065-TEC SW G01     342D", lambda it: it.query(b"?IF"), b"8065-TEC SW G01     "),
+    (b"#0015AB?VR0064018000", b"!0015AB000004411DBD", lambda it: it.read_int(100), 1089),
+    (b"#0015AC?VR0066018125", b"!0015AC000000706F2C", lambda it: it.read_int(102), 112),
+    (b"#0015AB?VR03E801C21A", b"!0015AB41CD2F28D5C2", TEMPERATURE, OBJECT_DEGC),
+    (b"#0015B0VS0BB80141AE0000C482", b"!0015B0C482", lambda it: it.write_float(3000, 21.75), None),
+    (b"#0015AEVS07DA01000000028F97", b"!0015AE8F97", lambda it: it.write_int(2010, 2), None),
+    (b"#0015AC?VR04D2017BFE", b"!0015AC+0532DA", lambda it: it.read_int(1234), Refused),
+    (b"#00BDE2RS9780", b"!00BDE29780", lambda it: it.command(b"RS"), None),
+    (b"#000000VS0BB80141A00000551C", b"!000000551C", lambda it: it.write_float(3000, 20.0), None),
+]
+ASK, RIGHT = CAPTURED[4][0] + b"\r", CAPTURED[4][1] + b"\r"
 
-def answer(tec: MeerstetterTec, request: bytes, time_s: float = 0.0) -> bytes:
-    """What comes back within a second, without its CR."""
-    tec.receive(request + b"\r", time_s)
-    return tec.transmit(time_s + 0.05).removesuffix(b"\r")
 
-
-@pytest.mark.parametrize(("request_", "reply"), [entry[1:] for entry in MECOM], ids=[entry[0] for entry in MECOM])
+@pytest.mark.parametrize(("request_", "reply"), [entry[:2] for entry in CAPTURED])
 def test_emulator_gives_the_captured_reply(plant: StillPlant, request_: bytes, reply: bytes) -> None:
-    plant.temperature_degC = OBJECT_TEMPERATURE_DEGC
-    assert answer(MeerstetterTec(plant, device_type=1089, serial_number=112), request_) == reply
+    plant.temperature_degC = 25.648026
+    tec = MeerstetterTec(plant, device_type=1089, serial_number=112)
+    tec.receive(request_ + b"\r", 0.0)
+    assert tec.transmit(0.05) == reply + b"\r"
+
+
+def framed(body: bytes) -> bytes:
+    return body + b"%04X\r" % crc_hqx(body, 0)
 
 
 @pytest.mark.parametrize(
-    ("frame", "crc"),
+    "frame", [b"!0115AC+057509", b"!000000+05A7C4", b"#000000?VR006401A912", b"#020003?VR03E801AC05"]
+)
+def test_published_crc_vectors(frame: bytes) -> None:
+    assert framed(frame[:-4]) == frame + b"\r"
+
+
+def link(attach: Attach, clock: VirtualClock, instrument: Instrument, request: bytes = ASK) -> MecomLink:
+    """A link whose next command has the address and the number of this request."""
+    port = open_port(attach(instrument), LineSettings(57600))
+    address, number = int(request[1:3], 16), int(request[3:7], 16)
+    return MecomLink(Transport(port, clock), address=address, first_token=number - 1)
+
+
+def conversed(attach: Attach, clock: VirtualClock, request: bytes, replies: list[bytes], call: Call) -> object:
+    """What a link makes of some replies to one request; an error's class if it raises one."""
+    conversation = Conversation([(request, reply) for reply in replies])
+    try:
+        found = call(link(attach, clock, conversation, request))
+    except (Corrupt, Refused, TimedOut) as error:
+        found = type(error)
+    conversation.assert_over()
+    return found
+
+
+@pytest.mark.parametrize(("request_", "reply", "call", "result"), CAPTURED)
+def test_link_holds_the_captured_conversation(
+    attach: Attach, clock: VirtualClock, request_: bytes, reply: bytes, call: Call, result: object
+) -> None:
+    assert conversed(attach, clock, request_ + b"\r", [reply + b"\r"], call) == result
+
+
+TARGET, SET_TARGET = CAPTURED[5][0] + b"\r", CAPTURED[5][2]
+OTHER = framed(b"!020000" + b"41CD2F28")
+NEGATIVE = framed(b"#000000VS07DA01FFFFFFFF")
+
+
+@pytest.mark.parametrize(
+    ("request_", "replies", "call", "result"),
     [
-        (b"!0115AC+05", b"7509"),
-        (b"!000000+05", b"A7C4"),
-        (b"#000000?VR006401", b"A912"),
-        (b"#020003?VR03E801", b"AC05"),
+        *[
+            (ASK, [noise + RIGHT], TEMPERATURE, OBJECT_DEGC)  # what is not the answer is skipped
+            for noise in (
+                b"!0015AA8065-TEC SW G01     7199\r",  # an earlier command's reply
+                b"!0215AB41CD2F28",  # beginning of a foreign frame, restarted by '!'
+                b"!0015AB41CD2F28D5C3\r",  # wrong CRC
+                b"!0015AB42CD2F28D5C2\r",  # a flipped digit
+                b"!0015AEC21A\r",  # an ACK, of another command
+                b"!0015ABC21A\r",  # an ACK of this very command, which is a question
+                b"\xff\x00garbage\r\r\r",
+                b"\r",
+            )
+        ],
+        (ASK, [b"", b"", RIGHT], TEMPERATURE, OBJECT_DEGC),  # the same number again after silence
+        (ASK, [b""] * 3, TEMPERATURE, TimedOut),
+        (ASK, [b"!0015AB42CD2F28D5C2\r"] * 3, TEMPERATURE, Corrupt),
+        (TARGET, [b"!0015B0C483\r"] * 3, SET_TARGET, TimedOut),  # acknowledgement of another set
+        (framed(b"#010000?VR03E801"), [OTHER] * 3, TEMPERATURE, TimedOut),  # another device's
+        (framed(b"#020000?VR03E801"), [OTHER], TEMPERATURE, OBJECT_DEGC),
+        (ASK, [framed(b"!0015AB41CD2F28")], TEMPERATURE, OBJECT_DEGC),  # a broadcast is answered with 00,
+        (ASK, [framed(b"!2A15AB41CD2F28")], TEMPERATURE, OBJECT_DEGC),  # or the device's own address
+        (NEGATIVE, [b"!000000" + NEGATIVE[-5:]], lambda it: it.write_int(2010, -1), None),  # two's complement
     ],
 )
-def test_published_crc_vectors(frame: bytes, crc: bytes) -> None:
-    assert b"%04X" % crc_hqx(frame, 0) == crc
-
-
-def link(attach: Attach, clock: VirtualClock, instrument: Instrument, address: int, sequence: int) -> MecomLink:
-    """A link whose next command has the number `sequence`."""
-    port = open_port(attach(instrument), LineSettings(57600))
-    return MecomLink(Transport(port, clock), address=address, first_token=sequence - 1)
-
-
-ACTIONS: dict[str, Callable[[MecomLink], object]] = {
-    "firmware": lambda mecom: mecom.query(b"?IF"),
-    "firmware, address 1": lambda mecom: mecom.query(b"?IF"),
-    "device type": lambda mecom: mecom.read_int(100),
-    "serial number": lambda mecom: mecom.read_int(102),
-    "object temperature": lambda mecom: mecom.read_float(1000),
-    "target 21.75": lambda mecom: mecom.write_float(3000, 21.75),
-    "output live": lambda mecom: mecom.write_int(2010, 2),
-    "reset": lambda mecom: mecom.command(b"RS"),
-    "target 20.0": lambda mecom: mecom.write_float(3000, 20.0),
-}
-RESULTS = {
-    "firmware": b"8065-TEC SW G01     ",
-    "firmware, address 1": b"8065-TEC SW G01     ",
-    "device type": 1089,
-    "serial number": 112,
-    "object temperature": pytest.approx(OBJECT_TEMPERATURE_DEGC, abs=1e-6),
-}
-
-
-@pytest.mark.parametrize("name", ACTIONS)
-def test_link_holds_the_captured_conversation(attach: Attach, clock: VirtualClock, name: str) -> None:
-    request, reply = next(entry[1:] for entry in MECOM if entry[0] == name)
-    conversation = Conversation([(request + b"\r", reply + b"\r")])
-    mecom = link(attach, clock, conversation, int(request[1:3], 16), int(request[3:7], 16))
-    assert ACTIONS[name](mecom) == RESULTS.get(name)
-    conversation.assert_over()
-
-
-def test_link_reports_the_captured_refusal(attach: Attach, clock: VirtualClock) -> None:
-    conversation = Conversation([(b"#0015AC?VR04D2017BFE\r", b"!0015AC+0532DA\r")])
-    with pytest.raises(Refused, match="parameter unknown") as refused:
-        link(attach, clock, conversation, 0, 0x15AC).read_int(1234)
-    assert refused.value.code == 5
-    conversation.assert_over()
-
-
-def test_link_sends_the_same_number_again_after_silence(attach: Attach, clock: VirtualClock) -> None:
-    request = b"#0015AB?VR03E801C21A\r"
-    conversation = Conversation([(request, b""), (request, b""), (request, b"!0015AB41CD2F28D5C2\r")])
-    mecom = link(attach, clock, conversation, 0, 0x15AB)
-    assert mecom.read_float(1000) == pytest.approx(25.648026, abs=1e-6)
-    conversation.assert_over()
-
-
-def test_link_gives_up_after_three_trials(attach: Attach, clock: VirtualClock) -> None:
-    request = b"#0015AB?VR03E801C21A\r"
-    conversation = Conversation([(request, b"")] * 3)
-    with pytest.raises(TimedOut):
-        link(attach, clock, conversation, 0, 0x15AB).read_float(1000)
-    conversation.assert_over()
+def test_what_a_link_makes_of_its_replies(
+    attach: Attach, clock: VirtualClock, request_: bytes, replies: list[bytes], call: Call, result: object
+) -> None:
+    assert conversed(attach, clock, request_, replies, call) == result
     assert clock.now_s() < 0.5
 
 
@@ -204,76 +220,7 @@ def test_link_counts_up_and_wraps(attach: Attach, clock: VirtualClock) -> None:
             seen.append(data[3:7])
             super().receive(data, time_s)
 
-    mecom = link(attach, clock, Listener(StillPlant()), 0, 0xFFFE)
+    mecom = link(attach, clock, Listener(StillPlant()), b"#00FFFE")
     for _ in range(4):
         mecom.read_int(100)
     assert seen == [b"FFFE", b"FFFF", b"0000", b"0001"]
-
-
-RIGHT = b"!0015AB41CD2F28D5C2\r"
-
-
-@pytest.mark.parametrize(
-    "noise",
-    [
-        b"!0015AA8065-TEC SW G01     7199\r",  # an earlier command's reply
-        b"!0215AB41CD2F28",  # beginning of a foreign frame, restarted by '!'
-        b"!0015AB41CD2F28D5C3\r",  # wrong CRC
-        b"!0015AB42CD2F28D5C2\r",  # a flipped digit
-        b"!0015AEC21A\r",  # an ACK, of another command
-        b"!0015ABC21A\r",  # an ACK of this very command, which is a question
-        b"\xff\x00garbage\r\r\r",
-        b"\r",
-    ],
-)
-def test_link_skips_what_is_not_the_answer(attach: Attach, clock: VirtualClock, noise: bytes) -> None:
-    conversation = Conversation([(b"#0015AB?VR03E801C21A\r", noise + RIGHT)])
-    value = link(attach, clock, conversation, 0, 0x15AB).read_float(1000)
-    assert value == pytest.approx(25.648026, abs=1e-6)
-    conversation.assert_over()
-
-
-@pytest.mark.parametrize("address", [1, 2])
-def test_link_takes_no_other_device_for_its_own(attach: Attach, clock: VirtualClock, address: int) -> None:
-    body = b"#%02X0000?VR03E801" % address
-    request = body + b"%04X\r" % crc_hqx(body, 0)
-    other = b"!%02X000041CD2F28" % (3 - address)
-    conversation = Conversation([(request, other + b"%04X\r" % crc_hqx(other, 0))] * 3)
-    with pytest.raises(TimedOut):
-        link(attach, clock, conversation, address, 0).read_float(1000)
-
-
-@pytest.mark.parametrize("reply_address", [b"00", b"2A"])
-def test_broadcast_accepts_echo_and_own_address(attach: Attach, clock: VirtualClock, reply_address: bytes) -> None:
-    reply = b"!" + reply_address + b"15AB41CD2F28"
-    conversation = Conversation([(b"#0015AB?VR03E801C21A\r", reply + b"%04X\r" % crc_hqx(reply, 0))])
-    assert link(attach, clock, conversation, 0, 0x15AB).read_float(1000) == pytest.approx(25.648026, abs=1e-6)
-
-
-def test_acknowledgement_of_another_set_does_not_count(attach: Attach, clock: VirtualClock) -> None:
-    request = b"#0015B0VS0BB80141AE0000C482\r"
-    conversation = Conversation([(request, b"!0015B0C483\r")] * 3)
-    with pytest.raises(TimedOut):
-        link(attach, clock, conversation, 0, 0x15B0).write_float(3000, 21.75)
-
-
-def test_garbled_three_times_is_corrupt(attach: Attach, clock: VirtualClock) -> None:
-    conversation = Conversation([(b"#0015AB?VR03E801C21A\r", b"!0015AB42CD2F28D5C2\r")] * 3)
-    with pytest.raises(Corrupt):
-        link(attach, clock, conversation, 0, 0x15AB).read_float(1000)
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e39])
-def test_link_refuses_what_is_no_float32(attach: Attach, clock: VirtualClock, value: float) -> None:
-    conversation = Conversation([])
-    with pytest.raises(ValueError, match="parameter 3000"):
-        link(attach, clock, conversation, 0, 0).write_float(3000, value)
-    conversation.assert_over()
-
-
-def test_negative_integers_are_twos_complement(attach: Attach, clock: VirtualClock) -> None:
-    body = b"#000000VS07DA01FFFFFFFF"
-    crc = b"%04X\r" % crc_hqx(body, 0)
-    conversation = Conversation([(body + crc, b"!000000" + crc)])
-    link(attach, clock, conversation, 0, 0).write_int(2010, -1)
-    conversation.assert_over()

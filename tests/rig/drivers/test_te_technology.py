@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -17,9 +18,8 @@ from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
 from sim.instruments.te_technology import TeTechnology
-from tests.rig.drivers.conversation import Conversation
+from tests.rig.drivers.far_ends import Answering, Conversation
 from tests.rig.drivers.still_plant import StillPlant
-from tests.rig.drivers.transcripts import TE_36_25, TE_48_20, TE_BAD_SUM
 
 Attach = Callable[[Instrument], str]
 MODELS = ("tc-36-25", "tc-48-20")
@@ -55,24 +55,6 @@ def wait(clock: VirtualClock, tec: TeTechnology, duration_s: float) -> None:
     tec.transmit(clock.now_s())
 
 
-def say(tec: TeTechnology, code: bytes, value: int = 0, time_s: float = 0.0) -> int:
-    body = b"00%b%08x" % (code, value & 0xFFFFFFFF)
-    tec.receive(b"*%b%02x\r" % (body, sum(body) & 0xFF), time_s)
-    reply = int(tec.transmit(time_s + 0.09)[1:9], 16)
-    return reply - (reply >> 31 << 32)
-
-
-def test_eeprom_is_written_while_it_may_be(plant: StillPlant) -> None:
-    tec = TeTechnology(plant)
-    say(tec, b"1c", 3000, 0.0)
-    assert tec.eeprom_writes == 1
-    say(tec, b"34", 0, 1.0)
-    written = tec.eeprom_writes
-    for index in range(5):
-        say(tec, b"1c", 3000 + index, 2.0 + index)
-    assert tec.eeprom_writes == written
-
-
 def test_the_eeprom_is_spared(plant: StillPlant, attach: Attach, clock: VirtualClock) -> None:
     tec = TeTechnology(plant)
     controller = open_controller("te_technology", attach(tec), clock)
@@ -82,7 +64,7 @@ def test_the_eeprom_is_spared(plant: StillPlant, attach: Attach, clock: VirtualC
     for step in range(50):
         controller.set_setpoint_degC(30.0 + 0.1 * step)
         controller.read_temperature()
-    assert tec.eeprom_writes <= 3  # power off at first, said more than once, and what ends the writing
+    assert 0 < tec.eeprom_writes <= 3  # power off at first, said more than once, and what ends the writing
 
 
 def test_a_value_that_is_not_kept_is_refused(plant: StillPlant, attach: Attach, clock: VirtualClock) -> None:
@@ -199,177 +181,155 @@ def test_a_device_that_needs_a_pause(plant: StillPlant, attach: Attach, clock: V
 # ---- frames ------------------------------------------------------------------------------------------
 
 
-def summed(body: bytes, end: bytes) -> bytes:
+def summed(body: bytes, end: bytes = b"^") -> bytes:
     """A frame with its sum, for what no manual prints."""
     return b"*%b%02x%b" % (body, sum(body) & 0xFF, end)
 
 
-TEMPERATURES_DEGC = {"read input 1, 2.50": 2.5, "read input 1, 10.00": 10.0}
+READ, RIGHT, COULD_NOT_READ = b"*00010000000041\r", b"*000000fae7^", b"*XXXXXXXXc0^"
+# TC-36-25 RS232 manual, Appendix C p. 42 to 50; the last as an independent client sends it. With the code and the value
+# (None reads) by which a link asks.
+PRINTED: list[tuple[bytes, bytes, tuple[bytes, int | None]]] = [
+    (b"*0029000000004b\r", b"*0000000080^", (b"29", 0)),  # setpoint source is the computer
+    (b"*001cffffff6aef\r", b"*ffffff6afb^", (b"1c", -150)),  # set -1.50
+    (READ, RIGHT, (b"01", None)),  # input 1, 2.50
+    (b"*00050000000045\r", b"*0000000989^", (b"05", None)),  # alarms: high and over-current
+    (b"*002d0000000177\r", b"*0000000181^", (b"2d", 1)),  # power on
+]
+SET_48_20 = (b"*1c00645e\r", b"*0064ca^")  # TC-48-20 manual, Appendix B p. 48 to 54: set 10.0
+OTHERS = [  # model, request, reply
+    *[
+        ("tc-36-25", request, reply)
+        for request, reply in (
+            (b"*0001c1\r", RIGHT),  # the short form
+            (b"*00010000000041^", RIGHT),  # ends like a reply, as in the manual's alarm examples
+            (b"*000100000000\x0041\r", COULD_NOT_READ),
+            (b"*00010000000042\r", COULD_NOT_READ),
+            (b"*0001000000041\r", COULD_NOT_READ),
+            (b"*001CFFFFFF6A4F\r", COULD_NOT_READ),  # capitals
+            (b"*00430000000047\r", b"*0000000181^"),  # the probe of an independent client
+            (b"noise*00*00010000000041\r", RIGHT),
+            (b"*01010000000042\r", b""),  # another address
+            (b"00010000000041\r", b""),
+            (b"\r\r", b""),
+            (READ + b"*00060000000046\r", RIGHT),  # the second, before the reply to the first, is lost
+        )
+    ],
+    *[
+        ("tc-48-20", request, reply)
+        for request, reply in (
+            SET_48_20,
+            (b"*0161\r", summed(b"0019")),
+            (b"*0060\r", summed(b"258d")),
+            (b"*5065\r", summed(b"00fa")),
+            (b"*0162\r", b"*XXXX60^"),
+        )
+    ],
+]
 
 
-def answer(tec: TeTechnology, request: bytes, time_s: float = 0.0) -> bytes:
-    """What comes back within a second."""
-    tec.receive(request, time_s)
-    return tec.transmit(time_s + 0.09)
-
-
-@pytest.mark.parametrize(("name", "request_", "reply"), TE_36_25, ids=[entry[0] for entry in TE_36_25])
-def test_emulator_gives_the_printed_reply(plant: StillPlant, name: str, request_: bytes, reply: bytes) -> None:
-    plant.temperature_degC = TEMPERATURES_DEGC.get(name, 25.0)
-    tec = TeTechnology(plant)
+@pytest.mark.parametrize(("model", "request_", "reply"), [*[("tc-36-25", *one[:2]) for one in PRINTED], *OTHERS])
+def test_emulator_gives_the_printed_reply(plant: StillPlant, model: str, request_: bytes, reply: bytes) -> None:
+    plant.temperature_degC = 2.5
+    tec = TeTechnology(plant, model=model)
     tec.alarms = 0b1001
-    assert answer(tec, request_) == reply
-
-
-def test_emulator_gives_the_printed_reply_of_the_other_model(plant: StillPlant) -> None:
-    tec = TeTechnology(plant, model="tc-48-20")
-    _, request, reply = TE_48_20[0]
-    assert answer(tec, request) == reply
-    assert tec.values["setpoint"] == 100
-
-
-@pytest.mark.parametrize(
-    ("request_", "reply"),
-    [
-        (b"*0001c1\r", b"*000000fae7^"),  # the short form
-        (b"*00010000000041^", b"*000000fae7^"),  # ends like a reply, as in the manual's alarm examples
-        (b"*000100000000\x0041\r", b"*XXXXXXXXc0^"),
-        (b"*00010000000042\r", b"*XXXXXXXXc0^"),
-        (b"*0001000000041\r", b"*XXXXXXXXc0^"),
-        (b"*001CFFFFFF6A4F\r", b"*XXXXXXXXc0^"),  # capitals
-        (b"*00430000000047\r", b"*0000000181^"),  # the probe of an independent client
-        (b"noise*00*00010000000041\r", b"*000000fae7^"),
-        (b"*01010000000042\r", b""),  # another address
-        (b"00010000000041\r", b""),
-        (b"\r\r", b""),
-    ],
-)
-def test_emulator_on_other_requests(plant: StillPlant, request_: bytes, reply: bytes) -> None:
-    plant.temperature_degC = 2.5
-    assert answer(TeTechnology(plant), request_) == reply
-
-
-@pytest.mark.parametrize(
-    ("request_", "reply"),
-    [
-        (b"*0161\r", summed(b"0019", b"^")),
-        (b"*0060\r", summed(b"258d", b"^")),
-        (b"*5065\r", summed(b"00fa", b"^")),
-        (b"*0162\r", b"*XXXX60^"),
-    ],
-)
-def test_emulator_of_the_other_model_on_other_requests(plant: StillPlant, request_: bytes, reply: bytes) -> None:
-    plant.temperature_degC = 2.5
-    assert answer(TeTechnology(plant, model="tc-48-20"), request_) == reply
+    tec.receive(request_, 0.0)
+    assert tec.transmit(0.09) == reply
 
 
 def test_addresses(plant: StillPlant) -> None:
     plant.temperature_degC = 2.5
     tec = TeTechnology(plant, address=1)
-    assert answer(tec, b"*01010000000042\r") == b"*000000fae7^"
-    assert answer(tec, b"*0101c2\r", 1.0) == b"*000000fae7^"
-    assert answer(tec, b"*011c000003e8b5\r", 2.0) == b"*000003e8c0^"
-    assert answer(tec, b"*00010000000041\r", 3.0) == b"*000000fae7^"
+    set_100 = (b"*011c000003e8b5\r", b"*000003e8c0^")
+    for k, (request, reply) in enumerate(
+        [(b"*01010000000042\r", RIGHT), (b"*0101c2\r", RIGHT), set_100, (READ, RIGHT)]
+    ):
+        tec.receive(request, float(k))
+        assert tec.transmit(k + 0.09) == reply
 
 
 @pytest.mark.parametrize("gap_s", [-0.01, 0.01])
 def test_a_command_before_the_reply_is_lost(plant: StillPlant, gap_s: float) -> None:
     tec = TeTechnology(plant, deaf_s=0.02)
-    tec.receive(b"*00010000000041\r", 0.0)
+    tec.receive(READ, 0.0)
     sent_s = tec.next_transmit_s()
     assert sent_s == pytest.approx(16 / 960 + 0.005 + 12 / 960)
-    tec.receive(b"*00010000000041\r", sent_s + 0.02 + gap_s)
+    tec.receive(READ, sent_s + 0.02 + gap_s)
     assert tec.transmit(1.0).count(b"^") == (1 if gap_s < 0.0 else 2)
     assert tec.lost_commands == (1 if gap_s < 0.0 else 0)
-
-
-def test_two_commands_in_one_go_are_one(plant: StillPlant) -> None:
-    tec = TeTechnology(plant)
-    tec.receive(b"*00010000000041\r*00060000000046\r", 0.0)
-    assert tec.transmit(1.0).count(b"^") == 1
 
 
 # ---- the driver's link ----------------------------------------------------------------------------
 
 DIALECT = replace(TABLES["tc-36-25"], quiet=None)
 FENCE = [(b"*0025000000084f\r", b"*0000000888^"), (b"*00250000000950\r", b"*0000000989^")]
+ASK = (b"01", None)
 
 
-def link(attach: Attach, clock: VirtualClock, transcript: list[tuple[bytes, bytes]]) -> tuple[TeLink, Conversation]:
+def link(
+    attach: Attach, clock: VirtualClock, transcript: list[tuple[bytes, bytes]] | Instrument, **options: Any
+) -> tuple[TeLink, Any]:
     """A link whose next fence has the number 8, and what it is to hear."""
-    conversation = Conversation(transcript)
-    port = open_port(attach(conversation), LineSettings(9600))
-    return TeLink(Transport(port, clock), DIALECT, byte_s=10 / 9600, first_token=7), conversation
+    far_end = Conversation(transcript) if isinstance(transcript, list) else transcript
+    port = open_port(attach(far_end), LineSettings(9600))
+    options = {"byte_s": 10 / 9600, "first_token": 7, **options}
+    return TeLink(Transport(port, clock), options.pop("model", DIALECT), **options), far_end
 
 
-@pytest.mark.parametrize(("name", "request_", "reply"), TE_36_25, ids=[entry[0] for entry in TE_36_25])
+@pytest.mark.parametrize(("request_", "reply", "asked"), PRINTED)
 def test_link_holds_the_printed_conversation(
-    attach: Attach, clock: VirtualClock, name: str, request_: bytes, reply: bytes
+    attach: Attach, clock: VirtualClock, request_: bytes, reply: bytes, asked: tuple[bytes, int | None]
 ) -> None:
     te, conversation = link(attach, clock, [FENCE[0], (request_, reply), FENCE[1]])
-    data = int(request_[5:13], 16)
-    value = None if name.startswith(("read", "alarm")) else data - (data >> 31 << 32)
     expected = int(reply[1:9], 16)
-    assert te.sequence((request_[3:5], value)) == [expected - (expected >> 31 << 32)]
+    assert te.sequence(asked) == [expected - (expected >> 31 << 32)]
     conversation.assert_over()
 
 
 def test_link_of_the_other_model(attach: Attach, clock: VirtualClock) -> None:
-    fence = (b"*0060\r", summed(b"258d", b"^"))
-    conversation = Conversation([fence, TE_48_20[0][1:], (b"*0161\r", summed(b"ffe7", b"^")), fence])
-    port = open_port(attach(conversation), LineSettings(115200))
-    te = TeLink(Transport(port, clock), TABLES["tc-48-20"], byte_s=1e-4)
-    assert te.sequence((b"1c", 100), (b"01", None)) == [100, -25]
+    fence = (b"*0060\r", summed(b"258d"))
+    te, conversation = link(
+        attach, clock, [fence, SET_48_20, (b"*0161\r", summed(b"ffe7")), fence], model=TABLES["tc-48-20"]
+    )
+    assert te.sequence((b"1c", 100), ASK) == [100, -25]
     conversation.assert_over()
 
 
-READ = b"*00010000000041\r"
-RIGHT = b"*000000fae7^"
+REFUSED = (READ, COULD_NOT_READ)
 
 
 @pytest.mark.parametrize(
-    ("reply", "error"),
+    ("said", "expected"),
     [
-        (b"*000000fbe7^", Corrupt),  # a flipped digit
-        (b"*00000fae7^", Corrupt),  # a lost one
-        (b"*000000FAA7^", Corrupt),  # capitals
-        (b"x" + RIGHT, Corrupt),
-        (b"*0000000888^" + RIGHT, OutOfStep),  # the fence's reply once more: one too many
-        (RIGHT + RIGHT, OutOfStep),
-        (RIGHT[:-1], TimedOut),
-        (b"", TimedOut),
-        (TE_BAD_SUM["tc-48-20"], Corrupt),
+        ([(READ, b"*000000fbe7^")], Corrupt),  # a flipped digit
+        ([(READ, b"*00000fae7^")], Corrupt),  # a lost one
+        ([(READ, b"*000000FAA7^")], Corrupt),  # capitals
+        ([(READ, b"x" + RIGHT)], Corrupt),
+        ([(READ, b"*0000000888^" + RIGHT), FENCE[1]], OutOfStep),  # the fence's reply once more: one too many
+        ([(READ, RIGHT + RIGHT), FENCE[1]], OutOfStep),
+        ([(READ, summed(b"000000c8")), (FENCE[1][0], RIGHT)], OutOfStep),  # a late reply
+        ([(READ, RIGHT[:-1])], TimedOut),
+        ([(READ, b"")], TimedOut),
+        ([(READ, b"*XXXX60^")], Corrupt),
+        ([REFUSED, REFUSED, (READ, RIGHT), FENCE[1]], None),  # what could not be read is sent again
+        ([REFUSED, REFUSED, REFUSED], Corrupt),
     ],
 )
-def test_what_is_no_reply(attach: Attach, clock: VirtualClock, reply: bytes, error: type[Exception]) -> None:
-    transcript = [FENCE[0], (READ, reply)] + ([FENCE[1]] if error is OutOfStep else [])
-    te, conversation = link(attach, clock, transcript)
-    with pytest.raises(error):
-        te.sequence((b"01", None))
-    assert te.in_doubt
-    conversation.assert_over()
-
-
-def test_a_late_reply_is_found_out_by_the_fence(attach: Attach, clock: VirtualClock) -> None:
-    te, conversation = link(attach, clock, [FENCE[0], (READ, summed(b"000000c8", b"^")), (FENCE[1][0], RIGHT)])
-    with pytest.raises(OutOfStep, match="out of step"):
-        te.sequence((b"01", None))
-    conversation.assert_over()
-
-
-def test_a_request_that_could_not_be_read_is_sent_again(attach: Attach, clock: VirtualClock) -> None:
-    refused = (READ, TE_BAD_SUM["tc-36-25"])
-    te, conversation = link(attach, clock, [FENCE[0], refused, refused, (READ, RIGHT), FENCE[1]])
-    assert te.sequence((b"01", None)) == [250]
-    conversation.assert_over()
-    te, conversation = link(attach, clock, [FENCE[0], refused, refused, refused])
-    with pytest.raises(Corrupt, match="could not read"):
-        te.sequence((b"01", None))
+def test_what_a_link_makes_of_its_replies(
+    attach: Attach, clock: VirtualClock, said: list[tuple[bytes, bytes]], expected: type[Exception] | None
+) -> None:
+    te, conversation = link(attach, clock, [FENCE[0], *said])
+    if expected is None:
+        assert te.sequence(ASK) == [250]
+    else:
+        with pytest.raises(expected):
+            te.sequence(ASK)
+        assert te.in_doubt
     conversation.assert_over()
 
 
 def test_a_wrong_acknowledgement_is_out_of_step(attach: Attach, clock: VirtualClock) -> None:
-    te, conversation = link(attach, clock, [FENCE[0], (summed(b"001c000000fa", b"\r"), summed(b"000000c8", b"^"))])
+    te, conversation = link(attach, clock, [FENCE[0], (summed(b"001c000000fa", b"\r"), summed(b"000000c8"))])
     with pytest.raises(OutOfStep, match="set to 250, and 200"):
         te.sequence((b"1c", 250))
     conversation.assert_over()
@@ -382,7 +342,7 @@ def test_after_doubt_the_line_has_to_be_silent(attach: Attach, clock: VirtualClo
     assert not te.in_doubt
     assert clock.now_s() > 2 * 0.3
     with pytest.raises(TimedOut):
-        te.sequence((b"01", None))
+        te.sequence(ASK)
     assert te.in_doubt
 
 
@@ -394,24 +354,18 @@ def test_requests_keep_their_distance(attach: Attach, clock: VirtualClock) -> No
             seen.append(time_s)
             super().receive(data, time_s)
 
-    tec = Listener(StillPlant())
-    port = open_port(attach(tec), LineSettings(9600))
-    te = TeLink(Transport(port, clock), DIALECT, byte_s=10 / 9600, gap_s=0.03)
-    te.sequence((b"01", None), (b"06", None))
+    te, _ = link(attach, clock, Listener(StillPlant()), gap_s=0.03)
+    te.sequence(ASK, (b"06", None))
     exchange_s = 28 / 960 + 0.005
     assert [later - earlier for earlier, later in pairwise(seen)] == pytest.approx([exchange_s + 0.03] * 3)
 
 
 def test_babble_is_not_waited_for_for_ever(attach: Attach, clock: VirtualClock) -> None:
-    class Babble(Conversation):
+    class Babble(Answering):
         def transmit(self, time_s: float) -> bytes:
             return b"x"
 
-        def next_transmit_s(self) -> float | None:
-            return None
-
-    port = open_port(attach(Babble([])), LineSettings(9600))
-    te = TeLink(Transport(port, clock), DIALECT, byte_s=10 / 9600)
+    te, _ = link(attach, clock, Babble())
     with pytest.raises(OutOfStep, match="silent"):
         te.resynchronise()
     assert clock.now_s() < 15.0

@@ -24,7 +24,7 @@ from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
 from sim.instruments.multimeters import Keithley2000
-from tests.rig.drivers.conversation import Conversation
+from tests.rig.drivers.far_ends import Conversation
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
@@ -177,17 +177,6 @@ def test_sim_port_is_a_pyserial_port(attach: Attach, clock: VirtualClock) -> Non
         port.read(1)
 
 
-def test_sim_port_that_is_not_registered() -> None:
-    with pytest.raises(Disconnected, match="no instrument"):
-        open_port("sim://nobody", LINE)
-
-
-def test_sim_name_is_taken_once(clock: VirtualClock, attach: Attach) -> None:
-    attach(Source())
-    with pytest.raises(ValueError, match="already"):
-        protocol_sim.register("test-0", Source(), clock)
-
-
 def test_sim_port_is_held_by_one(attach: Attach) -> None:
     address = attach(Source())
     port = open_port(address, LINE)
@@ -214,7 +203,7 @@ def test_sim_port_in_real_time() -> None:
 # ---- real ports -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("port", ["/dev/does-not-exist", "nonsense://x", "socket://127.0.0.1:1"])
+@pytest.mark.parametrize("port", ["/dev/does-not-exist", "nonsense://x", "socket://127.0.0.1:1", "sim://nobody"])
 def test_a_port_that_is_not_there(port: str) -> None:
     with pytest.raises(Disconnected, match=port.split("/")[-1]):
         open_port(port, LINE)
@@ -307,11 +296,6 @@ def test_pseudo_terminal_hands_over_an_emulators_exception() -> None:
         time.sleep(0.1)
     with pytest.raises(RuntimeError, match="bug"):
         terminals.stop()
-
-
-def test_pseudo_terminal_speed() -> None:
-    with pytest.raises(ValueError, match="positive"):
-        PseudoTerminals({}, speed=0.0)
 
 
 def test_the_far_end_of_a_terminal_does_not_hold_it() -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
+import struct
+from binascii import crc_hqx
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +13,12 @@ import pytest
 
 from rig.drivers.lakeshore import TOKENS
 from sim.instruments.lakeshore import LakeShore
+from sim.instruments.meerstetter import MeerstetterTec
 from sim.instruments.multimeters import Keithley2000
+from sim.instruments.scpi import CommandTree, ScpiError, boolean, number, split_outside_quotes
 from sim.instruments.srs_ldc500 import SrsLdc500
-from tests.rig.drivers.far_ends import Host
 from tests.rig.drivers.still_plant import StillPlant
-from tests.sim.instruments.hosts import host_of
+from tests.sim.instruments.hosts import Host, host_of
 
 
 def read_dialogues() -> dict[str, list[str]]:
@@ -305,3 +309,227 @@ def test_lakeshore_makes_ten_readings_a_second(plant: StillPlant) -> None:
     assert host.say("CRDG? A") == "+025.000"
     host.wait(0.1)
     assert host.say("CRDG? A") == "+026.000"
+
+
+# ---- Meerstetter: frames, addresses, watchdog, error limits, regulation, flash ----------------------
+
+
+@pytest.fixture
+def host(plant: StillPlant) -> Host:
+    return host_of("meerstetter", plant)
+
+
+@pytest.fixture
+def tec(plant: StillPlant) -> MeerstetterTec:
+    return MeerstetterTec(plant, device_type=1089)
+
+
+def say(host: Host, *messages: str) -> None:
+    for message in messages:
+        assert host.say(message) == ""
+
+
+def asked(address: int) -> bytes:
+    """A device's type is asked for."""
+    body = b"#%02X1234?VR006401" % address
+    return body + b"%04X\r" % crc_hqx(body, 0)
+
+
+def start(host: Host) -> None:
+    """The live current, 1 A."""
+    say(host, "2000=1", "2010=2", "50001=1.0", "50000=1")
+
+
+# ---- frames ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("address", "number", "answers"), [(0, 3, True), (3, 3, True), (2, 3, False), (255, 3, False), (1, 1, True)]
+)
+def test_it_answers_its_own_address_and_that_of_everybody(
+    plant: StillPlant, address: int, number: int, answers: bool
+) -> None:
+    host = host_of("meerstetter", plant, address=number)
+    host.instrument.receive(asked(address), 0.0)
+    assert bool(host.instrument.transmit(1.0)) is answers
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"#0015AB?VR03E801C21B\r",
+        b"#0015AB?VR03E801C21\r",
+        b"!0015AB?VR03E801C21A\r",
+        b"\r\r\rhello\r",
+        b"#00\r",
+        b"#ZZ15AB?VR03E8010000\r",
+    ],
+)
+def test_silence_on_what_is_no_request(tec: MeerstetterTec, data: bytes) -> None:
+    tec.receive(data, 0.0)
+    assert tec.next_transmit_s() is None
+    assert tec.transmit(1.0) == b""
+
+
+def test_a_frame_may_come_in_pieces_after_garbage(tec: MeerstetterTec) -> None:
+    for time_s, piece in ((0.0, b"noise#0015"), (0.1, b"#0015AB?VR00"), (0.2, b"64018000"), (0.3, b"\r#0015")):
+        tec.receive(piece, time_s)
+    assert tec.transmit(0.4) == b"!0015AB000004411DBD\r"
+    assert tec.next_transmit_s() is None
+
+
+def test_the_wire_takes_its_time_and_a_request_acts_when_it_has_arrived(plant: StillPlant) -> None:
+    tec = MeerstetterTec(plant, baudrate=57600, response_s=0.002)
+    plant.heating_K_per_A_s = plant.current_A = 1.0
+    tec.receive(b"#0015AB?VR03E801C21A\r", 1.0)
+    due_s = tec.next_transmit_s()
+    assert due_s == pytest.approx(1.0 + 21 / 5760 + 0.002 + 20 / 5760)
+    assert tec.transmit(due_s - 1e-6) == b""
+    value = struct.unpack(">f", bytes.fromhex(tec.transmit(due_s)[7:15].decode()))[0]
+    assert value == pytest.approx(25.0 + 1.0 + 21 / 5760, abs=1e-5)
+    assert tec.next_transmit_s() is None
+
+
+def test_two_requests_at_once_are_answered_in_order(tec: MeerstetterTec) -> None:
+    tec.receive(b"#0015AB?VR0064018000\r#0015AC?VR0066018125\r", 0.0)
+    first, second, rest = tec.transmit(1.0).split(b"\r")
+    assert (first[:15], second[:15], rest) == (b"!0015AB00000441", b"!0015AC00000070", b"")
+
+
+# ---- protection -----------------------------------------------------------------------------------
+
+
+def test_the_watchdog_turns_off_at_its_time(host: Host, plant: StillPlant) -> None:
+    start(host)
+    say(host, "2060=2.0")
+    for _ in range(5):
+        host.wait(1.5)
+        host.say("1000?")
+    fed_s = host.time_s - 0.05 + 21 / 5760
+    assert plant.current_A == 1.0
+    host.wait(5.0)
+    assert plant.currents[-1] == (pytest.approx(fed_s + 2.0, abs=1e-6), 0.0)
+
+
+def test_the_watchdog_is_not_fed_by_garbage_or_by_what_is_said_to_others(host: Host, plant: StillPlant) -> None:
+    start(host)
+    say(host, "2060=1.0")
+    for _ in range(30):
+        host.instrument.receive(b"#0015AB?VR03E801FFFF\r" + asked(9), host.time_s)
+        host.wait(0.05)
+    assert plant.current_A == 0.0
+
+
+@pytest.mark.parametrize(("temperature_degC", "number"), [(96.0, 138), (9.0, 137), (math.nan, 134), (math.inf, 134)])
+def test_error_limits_trip_and_latch_until_a_reset(
+    host: Host, plant: StillPlant, temperature_degC: float, number: int
+) -> None:
+    say(host, "4010=10.0", "4011=95.0")
+    start(host)
+    plant.temperature_degC = temperature_degC
+    host.wait(0.5)
+    assert (plant.current_A, host.say("104?"), host.say("105?")) == (0.0, "3", str(number))
+    plant.temperature_degC = 25.0
+    host.wait(1.0)
+    start(host)
+    assert plant.current_A == 0.0
+    assert host.say("RS") == "ACK"
+    host.wait(1.0)
+    assert (host.say("104?"), host.say("105?")) == ("1", "0")
+
+
+# ---- regulation and flash -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target_degC", [60.0, -15.0])
+def test_own_regulation_reaches_its_target_both_ways(host: Host, plant: StillPlant, target_degC: float) -> None:
+    plant.heating_K_per_A_s = 0.5
+    say(host, "3010=10.0", "3011=60.0", "2030=3.0", "2000=2", f"3000={target_degC}", "2010=1")
+    host.wait(5.0)
+    assert (abs(plant.current_A), host.say("1200?")) == (3.0, "1")
+    host.wait(300.0)
+    assert plant.temperature_degC == pytest.approx(target_degC, abs=0.05)
+    assert host.say("1200?") == "2"
+    assert abs(float(host.say("1032?"))) < 5.0
+
+
+def test_wrong_polarity_parameter_runs_away(host: Host, plant: StillPlant) -> None:
+    plant.heating_K_per_A_s = 0.5
+    say(host, "3034=0", "2000=2", "3000=26.0", "2010=1")
+    host.wait(30.0)
+    assert plant.temperature_degC < 20.0
+
+
+def test_automatic_saving_wears_the_flash_unless_it_is_switched_off(host: Host) -> None:
+    for off, written in (("0", 10), ("1", 10)):
+        say(host, f"108={off}")
+        for _ in range(10):
+            say(host, "3000=30.0")
+            host.wait(1.0)
+        assert host.instrument.flash_writes == written
+
+
+# ---- SCPI messages taken apart ----------------------------------------------------------------------
+
+
+@pytest.fixture
+def tree() -> CommandTree:
+    tree = CommandTree()
+    for pattern in (
+        ":DATA:FRESh",
+        "[:SENSe#]:FRESistance:RANGe[:UPPer]",
+        "[:SENSe#]:FRESistance:NPLCycles",
+        "*IDN",
+    ):
+        tree.define(pattern, set=lambda parameters: ",".join(parameters), ask=lambda _, name=pattern: name)
+    return tree
+
+
+def run(tree: CommandTree, message: str) -> list[str | None]:
+    return [call() for call in tree.parse(message)]
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "FRES:RANG",
+        ":fresistance:range:upper",
+        "SENS:FRES:RANG:UPP",
+        ":SENSE1:FRES:RANG",
+        "sens1:FRESISTANCE:rang",
+    ],
+)
+def test_long_and_short(tree: CommandTree, header: str) -> None:
+    assert run(tree, f"{header} 1, 'a;b,c' ") == ["1,'a;b,c'"]
+
+
+@pytest.mark.parametrize("header", ["FRESI:RANG", "RANG", ":SENS2:FRES:RANG", "FRES", "FRES:RANG:UPP:X", "IDN"])
+def test_no_other_spelling(tree: CommandTree, header: str) -> None:
+    with pytest.raises(ScpiError, match="-113"):
+        run(tree, header + " 1")
+
+
+def test_words_with_one_short_form_in_different_places(tree: CommandTree) -> None:
+    assert run(tree, "DATA:FRES?;:FRES:NPLC?") == [":DATA:FRESh", "[:SENSe#]:FRESistance:NPLCycles"]
+
+
+def test_paths(tree: CommandTree) -> None:
+    names = ["[:SENSe#]:FRESistance:RANGe[:UPPer]", "*IDN", "[:SENSe#]:FRESistance:NPLCycles"]
+    assert run(tree, ":SENS:FRES:RANG?;*IDN?;NPLC?") == names
+    assert run(tree, ":SENS:FRES:RANG?;*IDN?;:FRES:NPLC?") == names
+    assert run(tree, "SENS:FRES:RANG?;*IDN?;SENS:FRES:NPLC?") == names
+
+
+def test_split() -> None:
+    assert split_outside_quotes("a;'b;c';\"d;'e\";f", ";") == ["a", "'b;c'", '"d;\'e"', "f"]
+
+
+def test_parameters() -> None:
+    assert number(("min",), 1.0, 2.0, 1.5) == 1.0
+    assert number(("DEFault",), 1.0, 2.0, 1.5) == 1.5
+    assert number(("1.25E0",), 1.0, 2.0, 1.5) == 1.25
+    assert boolean(("on",)) is True
+    assert boolean(("0",)) is False
+    for parameters in ((), ("1", "2")):
+        with pytest.raises(ScpiError):
+            number(parameters, 0.0, 9.0, 0.0)
