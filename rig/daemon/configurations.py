@@ -13,10 +13,10 @@ from typing import Any
 
 import tomli_w
 
-from rig.config.configuration import ConfigurationFile, configuration_of, read_configuration, without_secrets
+from rig.config.configuration import ConfigurationFile, configuration_of, read_configuration
 from rig.config.model_file import read_model
 from rig.config.schema import Table
-from rig.config.toml_file import parsed_toml, read_text, shown
+from rig.config.toml_file import parsed_toml, read_text, shown, without_secrets
 from rig.core.clock import DAY_S
 from rig.core.faults import Faults, fault
 from rig.core.reading import Identity

@@ -119,7 +119,10 @@ class TemperatureController:
         self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
     ) -> None:
         """Switch the output off, set limits and dead man and read them back; Refused if the read-back differs."""
-        raise NotImplementedError
+        self._check_limits(current_limit_A, temperature_limits_degC)
+        self._armed = None
+        self._configure(current_limit_A, temperature_limits_degC, dead_man_s)
+        self.current_limit_A, self.temperature_limits_degC = current_limit_A, temperature_limits_degC
 
     def own_limits(self) -> OwnLimits:
         """Read back the instrument's own limits, dead man and ramp."""
@@ -177,7 +180,11 @@ class TemperatureController:
         """Let go of the port; the output stays as it is. Never raises."""
         self.transport.close()
 
-    # ---- arming and commanding: what a driver says how to do --------------------------------------
+    # ---- configuring, arming and commanding: what a driver says how to do ---------------------------
+
+    def _configure(self, current_limit_A: float, limits_degC: tuple[float, float], dead_man_s: float) -> None:
+        """Switch the output off, set limits and dead man, read back each."""
+        raise NotImplementedError
 
     def _make_ready(self) -> None:
         """Do what has to be done before the output is armed."""

@@ -196,25 +196,19 @@ class LakeShoreController(TemperatureController):
         return Identity("Lake Shore", model.removeprefix("MODEL"), number, found.firmware)
 
     @retry_once
-    def configure(
-        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
-    ) -> None:
+    def _configure(self, current_limit_A: float, limits_degC: tuple[float, float], dead_man_s: float) -> None:
         """Set output off, open loop at no drive, upper temperature limit; read back each.
 
         current_limit_A: the largest drive, at most 1. There is no dead man to be set.
         """
-        self._check_limits(current_limit_A, temperature_limits_degC)
-        self._armed = None
         self._set("RANGE", "0")
         self._configure_output()
         self._choose(CURRENTS)
         self._send(CURRENTS, 0.0, True)
-        self._set_number("TLIMIT", self._input, temperature_limits_degC[1] + KELVIN, LIMIT_RESOLUTION_K)
+        self._set_number("TLIMIT", self._input, limits_degC[1] + KELVIN, LIMIT_RESOLUTION_K)
         if self._own_gains:
             self._set("PID", ",".join(f"{gain:.1f}" for gain in self._own_gains))
         self._learn_units()
-        self.current_limit_A = current_limit_A
-        self.temperature_limits_degC = temperature_limits_degC
 
     def own_limits(self) -> OwnLimits:
         """Read TLIMIT and the ramp, each asked for twice."""

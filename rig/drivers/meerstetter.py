@@ -340,28 +340,22 @@ class MeerstetterController(TemperatureController):
             raise Refused(None, f"device type {device_type} is no TEC controller of the 1089 to 1161 family")
         return Identity("Meerstetter", f"TEC-{device_type}", str(number), f"{firmware / 100.0:.2f} ({firmware_text})")
 
-    def configure(
-        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
-    ) -> None:
+    def _configure(self, current_limit_A: float, limits_degC: tuple[float, float], dead_man_s: float) -> None:
         """Set output off (2010), no flash (108), 2030, 4010, 4011, watchdog 2060 (0 is none); read back each."""
-        self._check_limits(current_limit_A, temperature_limits_degC)
         if not (dead_man_s == 0.0 or 0.1 <= dead_man_s <= 600.0):
             raise ValueError(f"dead man {dead_man_s} s: 0 (none) or 0.1 to 600 s is expected")
-        self._armed = None
         with self.link.patiently():
             self._set_int(108, 1)
             self._set_int(2010, 0)
             self._set_int(50000, 0)
             self._set_current_limit(current_limit_A)
-            self._set_float(4010, temperature_limits_degC[0])
-            self._set_float(4011, temperature_limits_degC[1])
+            self._set_float(4010, limits_degC[0])
+            self._set_float(4011, limits_degC[1])
             self._set_float(2060, dead_man_s)
             for parameter, gain in self._own_gains.items():
                 if gain is not None:
                     self._set_float(parameter, gain)
             self._heating_sign = 1.0 if self.link.read_int(3034) == 1 else -1.0
-        self.current_limit_A = current_limit_A
-        self.temperature_limits_degC = temperature_limits_degC
         self.dead_man_s = dead_man_s
 
     def _set_current_limit(self, current_limit_A: float) -> None:

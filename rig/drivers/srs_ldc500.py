@@ -185,23 +185,17 @@ class SrsLdc500Controller(TemperatureController):
         return Identity("SRS", found.model, number, firmware)
 
     @retry_once
-    def configure(
-        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
-    ) -> None:
+    def _configure(self, current_limit_A: float, limits_degC: tuple[float, float], dead_man_s: float) -> None:
         """Set output off, current mode at 0 A, TILM, TMIN, TMAX; read back each. There is no dead man to be set."""
-        self._check_limits(current_limit_A, temperature_limits_degC)
-        self._armed = None
         self._set("TEON", 0)
         self._set("TMOD", MODES[CURRENTS])
         self._set("TCUR", 0.0)
         self._set("TILM", current_limit_A, RESOLUTION_A)
-        self._set("TMIN", temperature_limits_degC[0], RESOLUTION_K)
-        self._set("TMAX", temperature_limits_degC[1], RESOLUTION_K)
+        self._set("TMIN", limits_degC[0], RESOLUTION_K)
+        self._set("TMAX", limits_degC[1], RESOLUTION_K)
         for name, gain in self._own_gains.items():
             if gain is not None:
                 self._set(name, gain, 1e-3 * max(abs(gain), 1.0))
-        self.current_limit_A = current_limit_A
-        self.temperature_limits_degC = temperature_limits_degC
 
     def own_limits(self) -> OwnLimits:
         """Read TILM, TMIN and TMAX, each asked for twice."""

@@ -186,21 +186,15 @@ class TcLabController(TemperatureController):
         return Identity("TCLab", found[4], "", firmware)
 
     @retry_once
-    def configure(
-        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
-    ) -> None:
+    def _configure(self, current_limit_A: float, limits_degC: tuple[float, float], dead_man_s: float) -> None:
         """Set both heaters off, and full drive; read back each. current_limit_A: the largest drive, at most 1.
 
         The board has no temperature limits and no dead man that could be set.
         """
-        self._check_limits(current_limit_A, temperature_limits_degC)
-        self._armed = None
         self._set("Q1", 0.0)
         self._set("Q2", 0.0)
         self._set(f"P{self._heater}", FULL_PWM)
         self._percent = 0.0
-        self.current_limit_A = current_limit_A
-        self.temperature_limits_degC = temperature_limits_degC
 
     def _send(self, commands: str, value: float, arming: bool) -> None:
         """Set the drive, read back."""

@@ -413,15 +413,11 @@ class TeTechnologyController(TemperatureController):
         return Identity("TE Technology", self._model.name, "", "")
 
     @retry_once
-    def configure(
-        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
-    ) -> None:
+    def _configure(self, current_limit_A: float, limits_degC: tuple[float, float], dead_man_s: float) -> None:
         """Set output off, EEPROM off, own regulation by setpoints from here, alarms that shut down; read back each.
 
         Neither the current limit nor a dead man can be set.
         """
-        self._check_limits(current_limit_A, temperature_limits_degC)
-        self._armed = None
         model = self._model
         self._set(model.power_write, self._power_read, 0)
         for write, read, value in model.settings:
@@ -429,10 +425,9 @@ class TeTechnologyController(TemperatureController):
         self._learn_units()
         self._set_own_gains()
         if model.limits and self._alarm_type is not None:
-            for (write, read), limit_degC in zip(model.limits, temperature_limits_degC, strict=True):
+            for (write, read), limit_degC in zip(model.limits, limits_degC, strict=True):
                 self._set(write, read, self._fixed(limit_degC))
             self._set(*model.alarm_type, self._alarm_type)
-        self.temperature_limits_degC = temperature_limits_degC
 
     def _set_own_gains(self) -> None:
         """Set the gains that were given: proportional band in its own degrees, repeats per minute, minutes."""

@@ -26,9 +26,9 @@ from pathlib import Path
 from typing import Any
 
 from rig.core.clock import DAY_S
-from rig.core.reading import KEPT
 from rig.core.errors import PortHeld
 from rig.core.file_writing import locked, tell_holder
+from rig.core.reading import KEPT
 
 SIDE_FILES = ("", "-wal", "-shm")
 # SQLITE_IOERR_RDLOCK, _UNLOCK, _BLOCKED, _CHECKRESERVEDLOCK, _LOCK, _SHMOPEN, _SHMLOCK, _SHMMAP: the file system's

@@ -13,8 +13,8 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from rig.core.reading import OF_A_RECORD
 from rig.core.faults import fault
+from rig.core.reading import OF_A_RECORD
 from rig.records.numbers import (
     CONDUCTANCES,
     LOGARITHMS,

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.core.clock import DAY_S
-from rig.core.faults import Faults, fault
-from rig.core.faults import in_python
+from rig.core.faults import Faults, fault, in_python
 from rig.records.branches import RowOrder, join_loop, reverse_second_branch, split_branches
 from rig.records.column_choice import Choice, ColumnChoice
 from rig.records.column_names import ColumnMapping, column_option, unit_ending

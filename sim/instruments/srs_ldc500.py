@@ -63,11 +63,15 @@ UNIT = re.compile(r"(\*[A-Z]{3}|[A-Z]{4})(\?)?(.*)")
 
 
 class CommandError(Exception):
-    """A command error, by its number in LCME."""
+    """A command error, by its number; LCME asks for it."""
+
+    LOG, BIT = "LCME", COMMAND_ERROR
 
 
-class ExecutionError(Exception):
-    """An execution error, by its number in LEXE."""
+class ExecutionError(CommandError):
+    """An execution error, by its number; LEXE asks for it."""
+
+    LOG, BIT = "LEXE", EXECUTION_ERROR
 
 
 class SrsLdc500(SerialInstrument, Ticking):
@@ -98,7 +102,7 @@ class SrsLdc500(SerialInstrument, Ticking):
         self._response_s, self._error_s, self._joined = response_s, error_s, joined
         self._heating_sign, self._load_ohm = heating_sign, load_ohm
         self._lines: deque[tuple[bytes, float]] = deque()
-        self._command_error, self._execution_error = (0, start_s), (0, start_s)
+        self._errors = {"LCME": (0, start_s), "LEXE": (0, start_s)}  # the last one's number, and when it is logged
         self.event_status = 0
         self._regulator = Regulator()
         self.output_A = 0.0
@@ -108,8 +112,8 @@ class SrsLdc500(SerialInstrument, Ticking):
             "*ESR": self._take_event_status,
             "*OPC": lambda: "1",
             "*STB": lambda: "0",
-            "LCME": lambda: str(self.take_command_error()),
-            "LEXE": lambda: str(self.take_execution_error()),
+            "LCME": lambda: self._take_error("LCME"),
+            "LEXE": lambda: self._take_error("LEXE"),
             "TTRD": lambda: number_text(self.temperature_degC()),
             "TRAW": lambda: "10",
             "TIRD": lambda: number_text(self.output_A),
@@ -140,7 +144,7 @@ class SrsLdc500(SerialInstrument, Ticking):
 
     def _overflow(self) -> None:
         self.event_status |= INPUT_ERROR
-        self._command_error = (BUFFER_OVERFLOW, self._now_s)
+        self._errors["LCME"] = (BUFFER_OVERFLOW, self._now_s)
 
     def _next_reply_s(self) -> float | None:
         return self._lines[0][1] + self._response_s if self._lines else None
@@ -154,11 +158,8 @@ class SrsLdc500(SerialInstrument, Ticking):
                 answer = self._obey("".join(unit.split()).upper())  # white space is ignored
                 texts += [] if answer is None else [answer]
             except CommandError as error:
-                self._command_error = (error.args[0], time_s + self._error_s)
-                self.event_status |= COMMAND_ERROR
-            except ExecutionError as error:
-                self._execution_error = (error.args[0], time_s + self._error_s)
-                self.event_status |= EXECUTION_ERROR
+                self._errors[error.LOG] = (error.args[0], time_s + self._error_s)
+                self.event_status |= error.BIT
         if not texts:
             return
         end = TERMINATORS[int(self.values["TERM"])]
@@ -225,28 +226,20 @@ class SrsLdc500(SerialInstrument, Ticking):
 
     def _clear(self) -> None:
         self.event_status = 0
-        self.take_command_error()
-        self.take_execution_error()
+        for name in self._errors:
+            self._take_error(name)
 
     def _take_event_status(self) -> str:
         status, self.event_status = self.event_status, 0
         return str(status)
 
-    def take_command_error(self) -> int:
-        """Return the last command error that has been logged by now and forget it, as `LCME?` does."""
-        code, logged_s = self._command_error
+    def _take_error(self, name: str) -> str:
+        """Return the last error that has been logged by now and forget it, as `LCME?` and `LEXE?` do."""
+        code, logged_s = self._errors[name]
         if logged_s > self._now_s:
-            return 0
-        self._command_error = (0, self._now_s)
-        return code
-
-    def take_execution_error(self) -> int:
-        """Return the last execution error that has been logged by now and forget it, as `LEXE?` does."""
-        code, logged_s = self._execution_error
-        if logged_s > self._now_s:
-            return 0
-        self._execution_error = (0, self._now_s)
-        return code
+            return "0"
+        self._errors[name] = (0, self._now_s)
+        return str(code)
 
     # ---- what is measured -----------------------------------------------------------------------
 

@@ -14,9 +14,9 @@ import pytest
 
 from rig.__main__ import main
 from rig.analysis.error import TargetError
-from rig.config.configuration import configuration_with_model, read_configuration
+from rig.config.configuration import read_configuration
 from rig.config.model_file import read_model
-from rig.config.toml_file import read_toml
+from rig.config.toml_file import configuration_with_model, read_toml
 from rig.experiment.improvement import gain_of, news
 from rig.report.batch import RecordReport, files_in
 from tests.rig.small import write_bench

@@ -18,8 +18,9 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from rig.config.configuration import Configuration, ConfigurationFile, read_configuration, without_secrets
+from rig.config.configuration import Configuration, ConfigurationFile, read_configuration
 from rig.config.schema import Table
+from rig.config.toml_file import without_secrets
 from rig.core.faults import Faults
 from rig.core.json_text import parsed_json
 from rig.daemon.client import Client, Refusal

@@ -42,9 +42,16 @@ def test_the_emulator_holds_its_dialogue(heading: str, plant: StillPlant) -> Non
     for name in options.keys() & {"update_s", "heating_sign"}:
         options[name] = float(options[name])
     host = host_of(driver, plant, **options)
+    asks_for_errors = ""
     for line in DIALOGUES[heading]:
         if line.startswith("@ wait "):
             host.wait(float(line.removeprefix("@ wait ")))
+        elif line.startswith("@ errors "):
+            asks_for_errors = line.removeprefix("@ errors ")
+        elif line.startswith("! "):  # refused; else a driver that asks for nonsense works on the simulated bench alone
+            message, _, expected = (part.strip() for part in line.removeprefix("! ").partition("->"))
+            assert host.say(message) == "", line
+            assert re.sub(r"[\r\n]+", " | ", host.say(asks_for_errors)).startswith(expected), line
         elif line.startswith("@ "):
             name, sign, value = line.removeprefix("@ ").split()
             if sign == "=":
@@ -57,122 +64,6 @@ def test_the_emulator_holds_its_dialogue(heading: str, plant: StillPlant) -> Non
             message, _, expected = (part.strip() for part in line.partition("->"))
             reply = re.sub(r"[\r\n]+", " | ", host.say(message))
             assert reply.startswith(expected[:-3]) if expected.endswith("...") else reply == expected, line
-
-
-REFUSALS = {  # how an error is asked for; and the errors of messages
-    "keithley2000": (
-        ":SYST:ERR?",
-        {
-            ":SENS:FUNC FRES": "-141,",
-            ":SENS:FUNC 'NONSENSE'": "-224,",
-            ":SENS:FRES:NPLC 11": "-222,",
-            ":SENS:FRES:NPLC nan": "-222,",
-            ":SENS:FRES:NPLC": "-109,",
-            ":SENS:FRES:NPLC five": "-120,",
-            ":SENS:FRES:RANG 121e6": "-222,",
-            ":READ": "-113,",
-            "*XYZ?": "-113,",
-        },
-    ),
-    "hp34401a": (
-        "SYST:ERR?",
-        {"FETC?": "-230,", "FUNC 'X'": "-224,", "RES:RANG 121e6": "-222,", "READ": "-113,", "*ESE 256": "-222,"},
-    ),
-    "keithley2400": (
-        ":SYST:ERR?",
-        {
-            ":FUNC RES": "-141,",
-            ":FUNC 'X'": "-224,",
-            ":RES:RANG 211E6": "-222,",
-            ":RES:MODE X": "-224,",
-            ":SOUR:FUNC X": "-224,",
-            ":FORM:ELEM X": "-224,",
-            ":FORM:ELEM": "-109,",
-            ":FUNC": "-109,",
-            ":SOUR:CURR 2": "-222,",
-            ":OUTP MAYBE": "-120,",
-            ":BOGUS": "-113,",
-        },
-    ),
-    "keithley2450": (  # its errors have a date
-        ":SYST:ERR?",
-        {
-            ":BOGUS": '-113,"Undefined header;1;2026/01/01 00:00:00.000"',
-            ':SENS:FUNC "X"': "-224,",
-            ':READ? "defbuffer1",X': "-224,",
-            ":SENS:RES:RANG 1E9": "-222,",
-            ":READ?": "-221,",  # with the output off
-            ":MEAS:RES?": "-221,",
-        },
-    ),
-    "lakeshore": (
-        "*ESR?",
-        {
-            "BOGUS 1": "032",
-            "RANGE 1": "032",
-            "RANGE 1,9": "016",
-            "CRDG? Z": "016",
-            "MOUT 1,101": "016",
-            "TLIMIT A": "032",
-        },
-    ),
-    "srs_ldc500": (
-        "LCME?;LCME?;LEXE?",
-        {
-            "12345": "1\r\n0\r\n0",
-            "XYZW 1": "2\r\n0\r\n0",
-            "XYZW?": "2\r\n",
-            "*CLS?": "3\r\n",
-            "TTRD 5": "4\r\n",
-            "TEMP": "5\r\n",
-            "TEMP 1,2": "6\r\n",
-            "TEMP? 1": "6\r\n",
-            "TEMP nan": "9\r\n",
-            "*ESE x": "10\r\n",
-            "TMOD 7": "12\r\n",
-            "TMOD CQ": "14\r\n",
-            "TEMP 200": "0\r\n0\r\n1",
-            "TEMP -60": "0\r\n0\r\n1",
-            "TCUR 4.6": "0\r\n0\r\n1",
-            "TVLM -9": "0\r\n0\r\n1",
-        },
-    ),
-}
-
-
-@pytest.mark.parametrize("driver", REFUSALS)
-def test_what_the_device_refuses_is_refused(driver: str, plant: StillPlant) -> None:
-    """Else a driver that asks for nonsense works on the bench of the simulation alone."""
-    host = host_of(driver, plant)
-    host.say("SYST:REM" if driver == "hp34401a" else "*CLS")
-    question, refusals = REFUSALS[driver]
-    host.say(question)  # what the beginning has left
-    for message, error in refusals.items():
-        assert host.say(message) == ""
-        assert host.say(question).startswith(error), message
-
-
-@pytest.mark.parametrize(
-    ("payload", "reply"),
-    [
-        ("?XX", "+01"),
-        ("CS00", "+01"),
-        ("?VR03E8", "+04"),
-        ("?VR03G801", "+04"),
-        ("VS0BB801-0000001", "+04"),
-        ("VS0BB80141AE00", "+04"),
-        ("1234?", "+05"),
-        ("1000=21.75", "+06"),
-        ("VS0BB8017FC00000", "+07"),  # nan
-        ("3000=1000.1", "+07"),
-        ("2010=4", "+07"),
-        ("2030=4.5", "+07"),
-        ("2060=0.05", "+07"),
-        ("?VR03E802", "+08"),
-    ],
-)
-def test_mecom_refusals(plant: StillPlant, payload: str, reply: str) -> None:
-    assert host_of("meerstetter", plant).say(payload) == reply
 
 
 # ---- lines and their ends -------------------------------------------------------------------------
