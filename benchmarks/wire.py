@@ -36,7 +36,7 @@ from rig.drivers.scpi_meters import ScpiMeter
 from rig.ports import protocol_sim
 from tests.rig.drivers.faulty_wire import DISORDER, REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
 from tests.rig.drivers.still_plant import StillPlant
-from tests.rig.drivers.wire_cases import CONTROLLERS, METERS, Case, Tally, controller_on, exchange, meter_on
+from tests.rig.drivers.wire_cases import CONTROLLERS, METERS, Case, Tally, exchange, on_wire
 
 NUMBER = ScpiMeter.NUMBER
 CHUNK = 500  # exchanges on one bench; then the next seed
@@ -136,11 +136,7 @@ def confirmation_ms(case: Case) -> tuple[float, float]:
     """Time of a reading with its proof, and of a bare question and its answer, on a good wire, ms."""
     clock, name = VirtualClock(), "wire-cost"
     protocol_sim.unregister(name)
-    opened = (meter_on if case.meter else controller_on)(
-        lambda end: protocol_sim.register(name, end, clock), clock, case, StillPlant(), 1, ()
-    )
-    instrument: Any = opened[0]
-    line = opened[1]
+    instrument, line = on_wire(lambda end: protocol_sim.register(name, end, clock), clock, case, StillPlant(), 1, ())
     ask = instrument.read if case.meter else instrument.read_temperature
     ask(), ask()  # the range has settled
     begin_s = clock.now_s()

@@ -19,7 +19,7 @@ from sim.instruments.instrument import Instrument, emulated
 from tests.rig.drivers.far_ends import Answering
 from tests.rig.drivers.faulty_wire import REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
 from tests.rig.drivers.still_plant import StillPlant
-from tests.rig.drivers.wire_cases import CONTROLLERS, METERS, Attach, Case, controller_on, exchange
+from tests.rig.drivers.wire_cases import CONTROLLERS, METERS, Attach, Case, exchange, on_wire
 
 # ---- faults of a wire -------------------------------------------------------------------------------
 
@@ -44,7 +44,7 @@ def test_no_number_is_wrong(faults: tuple[str, ...], seed: int, case: Case) -> N
 @pytest.mark.parametrize("seed", range(20))
 def test_output_that_is_reported_off_is_off(clock: VirtualClock, attach: Attach, seed: int, case: Case) -> None:
     plant = StillPlant()
-    controller, wire = controller_on(attach, clock, case, plant, seed, REPLY_FAULTS + REQUEST_FAULTS)
+    controller, wire = on_wire(attach, clock, case, plant, seed, REPLY_FAULTS + REQUEST_FAULTS)
     if controller.commands_current:
         controller.set_current_A(case.strong)
     else:
@@ -65,10 +65,7 @@ def test_output_that_is_reported_off_is_off(clock: VirtualClock, attach: Attach,
 @pytest.mark.parametrize("seed", range(10))
 def test_test_current_that_is_reported_off_is_off(clock: VirtualClock, attach: Attach, seed: int, case: Case) -> None:
     plant = StillPlant()
-    emulator = emulated(case.driver, plant, **case.emulator)
-    wire = FaultyWire(emulator, seed=seed, rate=0.0, foreign=case.foreign)
-    meter = open_meter(case.driver, attach(wire), clock, **case.options, first_token=seed + 1)
-    meter.configure(True, 1.0, 1e-3)
+    meter, wire = on_wire(attach, clock, case, plant, seed, REPLY_FAULTS + REQUEST_FAULTS)
     meter.read()
     wire.rate = 0.5
     if meter.off():
@@ -94,7 +91,7 @@ def test_a_silent_device(attach: Attach, clock: VirtualClock, case: Case) -> Non
 
 @pytest.mark.parametrize("case", CONTROLLERS, ids=str)
 def test_an_unplugged_device(attach: Attach, clock: VirtualClock, plant: StillPlant, case: Case) -> None:
-    controller, wire = controller_on(attach, clock, case, plant, 1, ())
+    controller, wire = on_wire(attach, clock, case, plant, 1, ())
     if controller.commands_current:
         controller.set_current_A(case.strong)
     protocol_sim.unregister("test-0")
@@ -108,7 +105,7 @@ def test_an_unplugged_device(attach: Attach, clock: VirtualClock, plant: StillPl
 
 @pytest.mark.parametrize("case", CONTROLLERS, ids=str)
 def test_a_closed_port(attach: Attach, clock: VirtualClock, plant: StillPlant, case: Case) -> None:
-    controller, _ = controller_on(attach, clock, case, plant, 1, ())
+    controller, _ = on_wire(attach, clock, case, plant, 1, ())
     if controller.commands_current:
         controller.set_current_A(case.strong)
     controller.close()
@@ -123,61 +120,37 @@ def test_a_closed_port(attach: Attach, clock: VirtualClock, plant: StillPlant, c
 SECOND_HALF_S = 0.4
 
 
-class OneHalfLate:
+class OneHalfLate(FaultyWire):
     """A wire that hands over the second half of one reply late; what comes behind it waits."""
 
     def __init__(self, instrument: Instrument, number: int) -> None:
-        self._instrument, self._number = instrument, number
-        self.replies = 0
-        self._under_way: list[tuple[float, bytes]] = []
+        super().__init__(instrument, seed=0, rate=0.0, foreign=b"", faults=())
+        self._number, self.replies = number, 0
 
-    def receive(self, data: bytes, time_s: float) -> None:
-        self._instrument.receive(data, time_s)
-
-    def transmit(self, time_s: float) -> bytes:
-        data = self._instrument.transmit(time_s)
-        if data:
-            latest_s = self._under_way[-1][0] if self._under_way else time_s
-            if self.replies == self._number:
-                half = len(data) // 2
-                self._under_way += [(time_s, data[:half]), (time_s + SECOND_HALF_S, data[half:])]
-            else:
-                self._under_way.append((max(time_s, latest_s), data))
-            self.replies += 1
-        ready = b"".join(piece for due_s, piece in self._under_way if due_s <= time_s)
-        self._under_way = [entry for entry in self._under_way if entry[0] > time_s]
-        return ready
-
-    def next_transmit_s(self) -> float | None:
-        due = [self._instrument.next_transmit_s()] + [due_s for due_s, _ in self._under_way[:1]]
-        return min((due_s for due_s in due if due_s is not None), default=None)
+    def _damage(self, data: bytes, time_s: float) -> None:
+        half = len(data) // 2 if self.replies == self._number else len(data)
+        self._send(time_s, data[:half])
+        self._send(time_s + SECOND_HALF_S, data[half:])
+        self.replies += 1
 
 
-def start_controller(attach: Attach, clock: VirtualClock, case: Case, number: int) -> int:
+def start(attach: Attach, clock: VirtualClock, case: Case, number: int) -> int:
     """As a bench is opened: off, who is it, limits. Returns how many replies there were."""
     emulator = emulated(case.driver, StillPlant(), **case.emulator)
     wire = OneHalfLate(emulator, number)
-    controller = open_controller(case.driver, attach(wire), clock, **case.options, first_token=7)
-    assert controller.off()
-    controller.identify()
-    controller.configure(1.0, (10.0, 95.0), 5.0)
+    driver: Any = (open_meter if case.meter else open_controller)(
+        case.driver, attach(wire), clock, **case.options, first_token=7
+    )
+    assert case.meter or driver.off()
+    driver.identify()
+    driver.configure(True, 1.0, 1e-3) if case.meter else driver.configure(1.0, (10.0, 95.0), 5.0)
     assert getattr(emulator, "status_until_reset", None) is None  # no emergency stop
-    controller.close()
-    return wire.replies
-
-
-def start_meter(attach: Attach, clock: VirtualClock, case: Case, number: int) -> int:
-    wire = OneHalfLate(emulated(case.driver, StillPlant(), **case.emulator), number)
-    meter = open_meter(case.driver, attach(wire), clock, **case.options, first_token=7)
-    meter.identify()
-    meter.configure(True, 1.0, 1e-3)
-    meter.transport.close()
+    driver.transport.close()
     return wire.replies
 
 
 @pytest.mark.parametrize("case", [*CONTROLLERS, *METERS], ids=str)
 def test_one_reply_in_two_halves_ends_no_start(attach: Attach, clock: VirtualClock, case: Case) -> None:
-    start = start_meter if case.meter else start_controller
     replies = start(attach, clock, case, -1)
     assert replies > 3
     for number in range(replies):

@@ -15,6 +15,7 @@ from rig.core.reading import Quality
 from rig.drivers.meter import on_since_s, reading_in_words
 from rig.drivers.registry import open_meter
 from sim.instruments.instrument import Instrument, emulated
+from tests.rig.drivers.faulty_wire import FaultyWire
 from tests.rig.drivers.still_plant import StillPlant
 from tests.rig.drivers.wire_cases import METERS, Case
 
@@ -46,22 +47,15 @@ def sweep(meter: Any, plant: StillPlant, decades: list[float]) -> None:
         meter.read()
 
 
-class Rewritten:
-    """A meter that writes "beyond the range" in other digits."""
+class Rewritten(FaultyWire):
+    """A wire on which "beyond the range" is written in other digits."""
 
     def __init__(self, meter: Any, text: str) -> None:
-        self._meter, self._text = meter, text.encode()
+        super().__init__(meter, seed=0, rate=0.0, foreign=b"", faults=())
+        self._text = text.encode()
 
-    def receive(self, data: bytes, time_s: float) -> None:
-        self._meter.receive(data, time_s)
-
-    def transmit(self, time_s: float) -> bytes:
-        data: bytes = self._meter.transmit(time_s)
-        return re.sub(rb"\+?9\.90*E\+37", self._text, data)
-
-    def next_transmit_s(self) -> float | None:
-        due: float | None = self._meter.next_transmit_s()
-        return due
+    def _damage(self, data: bytes, time_s: float) -> None:
+        self._send(time_s, re.sub(rb"\+?9\.90*E\+37", self._text, data))
 
 
 def kept(emulator: Any) -> dict[str, Any]:

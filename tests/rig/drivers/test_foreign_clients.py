@@ -432,35 +432,28 @@ def test_others_client(others_client: Any, plant: StillPlant) -> None:
 
 # ---- our own --------------------------------------------------------------------------------------------
 
+# a terminal has no other framing; the emulated board is not restarted
+ON_A_TERMINAL = {"tclab": {"boot_s": 0.0}, "lakeshore": {"framing": "8N1"}, "hp34401a": {"framing": "8N1"}}
 
-@pytest.mark.parametrize("name", sorted(registry.CONTROLLERS))
-def test_our_own_controllers_on_a_pseudo_terminal(name: str, serve: Serve, plant: StillPlant) -> None:
+
+@pytest.mark.parametrize("name", sorted(registry.DRIVERS))
+def test_our_own_drivers_on_a_pseudo_terminal(name: str, serve: Serve, plant: StillPlant) -> None:
     """By real time and a real port, which has no virtual line to hold it up."""
-    options = {"boot_s": 0.0} if name == "tclab" else {"framing": "8N1"} if name == "lakeshore" else {}
-    controller = open_controller(name, serve(emulated(name, plant)), RealClock(), **options)
-    assert controller.off()
-    controller.identify()
-    controller.configure(0.9, (10.0, 95.0), 5.0)
-    if controller.commands_current:
-        controller.arm_current()
-        controller.set_current_A(0.5)
+    is_meter = name in registry.METERS
+    open_one: Any = open_meter if is_meter else open_controller
+    driver = open_one(name, serve(emulated(name, plant)), RealClock(), **ON_A_TERMINAL.get(name, {}))
+    assert is_meter or driver.off()
+    driver.identify()
+    if is_meter:
+        driver.configure(True, 0.2, 1e-3)
+        assert (driver.read().value, plant.test_current_A) == (1e4, 1e-5)
     else:
-        controller.arm_setpoint()
-    assert controller.read_temperature().value == pytest.approx(25.0, abs=0.33 if name == "tclab" else 0.0)
-    assert controller.status().output_is_on
-    assert controller.off()
-    assert plant.current_A == 0.0
-    controller.close()
-
-
-@pytest.mark.parametrize("name", sorted(registry.METERS))
-def test_our_own_meters_on_a_pseudo_terminal(name: str, serve: Serve, plant: StillPlant) -> None:
-    options = {"framing": "8N1"} if name == "hp34401a" else {}  # a terminal has no other
-    meter = open_meter(name, serve(emulated(name, plant)), RealClock(), **options)
-    meter.identify()
-    meter.configure(True, 0.2, 1e-3)
-    assert meter.read().value == 1e4
-    assert plant.test_current_A == 1e-5
-    assert meter.off()
-    assert plant.test_current_A == 0.0
-    meter.close()
+        driver.configure(0.9, (10.0, 95.0), 5.0)
+        driver.arm_current() if driver.commands_current else driver.arm_setpoint()
+        if driver.commands_current:
+            driver.set_current_A(0.5)
+        assert driver.read_temperature().value == pytest.approx(25.0, abs=0.33 if name == "tclab" else 0.0)
+        assert driver.status().output_is_on
+    assert driver.off()
+    assert (plant.current_A, plant.test_current_A) == (0.0, 0.0)
+    driver.close()

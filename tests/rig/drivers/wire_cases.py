@@ -14,8 +14,6 @@ from rig.core.clock import VirtualClock
 from rig.core.errors import InstrumentError
 from rig.core.reading import Reading
 from rig.drivers import registry
-from rig.drivers.controller import TemperatureController
-from rig.drivers.meter import Meter
 from rig.drivers.registry import open_controller, open_meter
 from rig.ports import protocol_sim
 from sim.instruments.instrument import Instrument, emulated
@@ -139,30 +137,20 @@ class TellTale(StillPlant):
         return 1e3 + RATE_OHM_PER_S * self.time_s
 
 
-def controller_on(
+def on_wire(
     attach: Attach, clock: VirtualClock, case: Case, plant: StillPlant, seed: int, faults: tuple[str, ...], **wire: Any
-) -> tuple[TemperatureController, FaultyWire]:
-    """A configured and armed controller behind a wire that is still good."""
+) -> tuple[Any, FaultyWire]:
+    """A configured meter, or a configured and armed controller, behind a wire that is still good."""
     emulator = emulated(case.driver, plant, **case.emulator)
     line = FaultyWire(emulator, seed=seed, rate=0.0, foreign=case.foreign, faults=faults, **wire)
-    controller = open_controller(case.driver, attach(line), clock, **case.options, first_token=seed % 255 + 1)
-    controller.configure(case.limit, (-100.0, 600.0) if case.driver != "srs_ldc500" else (-100.0, 240.0), 0.0)
-    if controller.commands_current:
-        controller.arm_current()
+    open_one = open_meter if case.meter else open_controller
+    driver: Any = open_one(case.driver, attach(line), clock, **case.options, first_token=seed % 255 + 1)
+    if case.meter:
+        driver.configure(True, 1.0, 1e-3)
     else:
-        controller.arm_setpoint()
-    return controller, line
-
-
-def meter_on(
-    attach: Attach, clock: VirtualClock, case: Case, plant: StillPlant, seed: int, faults: tuple[str, ...], **wire: Any
-) -> tuple[Meter, FaultyWire]:
-    """A configured meter behind a wire that is still good."""
-    emulator = emulated(case.driver, plant, **case.emulator)
-    line = FaultyWire(emulator, seed=seed, rate=0.0, foreign=case.foreign, faults=faults, **wire)
-    meter = open_meter(case.driver, attach(line), clock, **case.options, first_token=seed % 255 + 1)
-    meter.configure(True, 1.0, 1e-3)
-    return meter, line
+        driver.configure(case.limit, (-100.0, 600.0) if case.driver != "srs_ldc500" else (-100.0, 240.0), 0.0)
+        driver.arm_current() if driver.commands_current else driver.arm_setpoint()
+    return driver, line
 
 
 @dataclass
@@ -190,9 +178,8 @@ def exchange(case: Case, seed: int, faults: tuple[str, ...], readings: int, **wi
         return protocol_sim.register(name, end, clock)
 
     plant = TellTale(case.rate_K_per_s)
-    opened = (meter_on if case.meter else controller_on)(attach, clock, case, plant, seed, faults, **wire)
-    instrument, line = opened
-    ask = instrument.read if case.meter else instrument.read_temperature  # type: ignore[union-attr]
+    instrument, line = on_wire(attach, clock, case, plant, seed, faults, **wire)
+    ask = instrument.read if case.meter else instrument.read_temperature
     line.rate = case.fault_rate
     first_s = clock.now_s()
     for _ in range(readings):
