@@ -17,11 +17,11 @@ from typing import Any
 
 from rig.analysis.error import target_error
 from rig.batch import Case, Engine, EngineChoice, Journal, compute_missing, given
-from rig.config.configuration import ConfigurationFile, digest_named_files
+from rig.config.configuration import ConfigurationFile
 from rig.config.effect_tables import add_effect_files, parse_effect, switch_effects
 from rig.config.schema import validate
 from rig.config.tables import SweepFile, SweepTable, SweepTask
-from rig.config.toml_file import read_toml
+from rig.config.toml_file import digest_named_files, read_toml
 from rig.core.errors import RigError
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Outcome
