@@ -259,7 +259,8 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, termin
 
 def _extended(config: Path, improvement: Improvement) -> ConfigurationFile:
     """Write and read the configuration that will run. Raises Faults if the extended model cannot do it."""
-    from rig.config.configuration import configuration_with_model, read_configuration
+    from rig.config.configuration import read_configuration
+    from rig.config.toml_file import configuration_with_model
     from rig.core.file_writing import write_text
     from rig.experiment.feasibility import target_and_model
 

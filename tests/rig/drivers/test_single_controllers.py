@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from compensator.control.design import OwnPid
 
+from compensator.control.pid import OwnPid
 from rig.core.clock import VirtualClock
 from rig.core.errors import Disconnected, OutOfStep, Refused
 from rig.core.reading import Quality
