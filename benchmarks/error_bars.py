@@ -34,7 +34,7 @@ def one(seed: int) -> tuple[dict[str, tuple[bool, float]], float, float]:
     v = decaying_profile(ROWS)
     output = film.simulate(v, film.initial_memory(float(v[0])))[0] + NOISE_DEC * random.standard_normal(ROWS)
     time = np.arange(ROWS) * 0.5
-    fit = identify_film(time, v, output, kind="extended_generalized_pi", form="tanh", seed=seed)
+    fit = identify_film(time, v, output, kind="extended_generalized_pi", form="tanh")
     truth = true_parameters(film)
     inside = {}
     for name, value, error in zip(fit.outer_names, fit.outer_values, fit.outer_standard_errors, strict=True):

@@ -42,7 +42,6 @@ class FitOptions:
     violate_order: bool = False
     compress: int | None = None
     plate: Literal["peltier", "heater"] = "peltier"
-    seed: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +268,7 @@ def _film_fit(records: Sequence[Record], output: str, courses: Sequence[Array | 
     how = {"kind": options.kind, "form": options.form, "operators": options.operators, "initial": options.initial}
     try:
         ordered = not options.violate_order
-        return identify_film_records(inputs, output_name=output, ordered=ordered, seed=options.seed, **how)
+        return identify_film_records(inputs, output_name=output, ordered=ordered, **how)
     except ValueError as error:
         raise _fault_of(records, error) from None
 

@@ -14,7 +14,7 @@ from rig.records.film_output import in_decades, sign_of, unit_of
 from rig.records.record import Record
 from rig.records.thermometer_faults import describe_false_readings, find_false_readings, mask_readings
 from sim.inference.film.fit import FilmFit, identify_film
-from sim.inference.readings.repeated import repeated_rows
+from sim.inference.readings.odd_readings import repeated_rows
 from sim.inference.readings.temperature_path import temperature_path
 from sim.inference.transition.forc import Forc, forc
 from sim.inference.transition.transition import Quantity, Transition, transition, untold

@@ -60,7 +60,6 @@ def identify_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_output_argument(parser)
     parser.add_argument("--plate", choices=["peltier", "heater"], default="peltier", help="kind of the plate model")
-    parser.add_argument("--seed", type=int, default=0)
 
 
 def identify(options: argparse.Namespace) -> int:

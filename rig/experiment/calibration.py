@@ -430,8 +430,7 @@ def identify_calibration(
         plate_degC = np.where(np.isfinite(course_degC), course_degC, plate_degC)
     pauses = own_pauses(time, current, folder.column("tick"), fitted)
     *rows, output_time_s = through_pauses(pauses, *(column[fitted] for column in (time, plate_degC, output, read_s)))
-    seed = configuration.calibration.seed
-    film_fit = identify_film(*rows, output_time_s=output_time_s, output_name=name, seed=seed)
+    film_fit = identify_film(*rows, output_time_s=output_time_s, output_name=name)
     film: FilmModel = film_fit.model
     shown = at_own_times(rows[0], fresh(rows[2]), output_time_s)
     numbers = film_numbers(rows[0], rows[1], shown, name, folder.path.name, plate_fit.lag_s, film_fit)

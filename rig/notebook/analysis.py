@@ -98,7 +98,6 @@ def identify(
     violate_order: bool = False,
     compress: int | None = None,
     plate: Literal["peltier", "heater"] = "peltier",
-    seed: int = 0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Identification:
     """Fit one film to all records with a resistance, and one plate to all with a current.
@@ -113,7 +112,6 @@ def identify(
     violate_order : allow radii with which the output jumps at reversals
     compress : keep at most so many operators in the model
     plate : kind of the plate
-    seed : of the random numbers of the fit
     say : called with each decision on the way
 
     Returns
@@ -124,7 +122,7 @@ def identify(
     ------
     Faults : for records that cannot be read, or to which nothing can be fitted
     """
-    options = FitOptions(output, kind, form, operators, initial, violate_order, compress, plate, seed)
+    options = FitOptions(output, kind, form, operators, initial, violate_order, compress, plate)
     found = identified(as_records((record, *further)), options, say)
     lines, document = tuple(found.lines()), found.document()
     return Identification(found.model, found.film, found.plate, found.numbers, lines, document, found)

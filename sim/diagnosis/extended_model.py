@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
-from compensator.hysteresis.film import Envelope, FilmModel
+from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
+from sim.inference.film.film_model import film_model, nearest_curve
 from sim.inference.film.fit import identify_film_records
-from sim.inference.film.memoryless_forms import Form
+from sim.inference.film.memoryless_forms import SIMPLEST_FIRST, Form
 from sim.inference.film.rows import FilmRecord
 from sim.inference.joint.films import PIFilm, PreisachFilm
 from sim.inference.joint.held_out import simulated
@@ -37,10 +37,7 @@ from sim.model.record_own import FilmStart
 from sim.model.record_run import RecordRun, straight_path
 from sim.model.recorded import COARSE, Rows
 
-FORMS: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # of D, simplest first, as `identify` has them
-STARTS: Final = 5  # of either nonlinear parameter of a form: between them a descent finds the least error
 BY_CHANCE: Final = 3.0  # deviations by which the error over so many readings may be larger though the film is as good
-NEGLIGIBLE: Final = 1e-6  # of all weights: below it an operator counts as absent
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,23 +62,6 @@ class ExtendedModel:
         return form | ({"further_records": self.further} if self.further else {})
 
 
-@dataclass(frozen=True, eq=False)
-class NamedCurve:
-    """D(T) of a named form, in place of any smooth curve. shape: its nonlinear parameters."""
-
-    form: Form
-    shape: Array
-
-    @property
-    def count(self) -> int:
-        """How many columns."""
-        return int(self.columns(np.array([self.form.middle])).shape[1])
-
-    def columns(self, temperature: Array) -> Array:
-        """Return the columns without the constant, shape (samples, count)."""
-        return self.form.columns(temperature, self.shape)
-
-
 def extended_model(fit: Fit, record: Record, earlier: Sequence[Record] = ()) -> ExtendedModel:
     """Return the model of a fit to a record. earlier: other records of the film."""
     with threadpool_limits(limits=1):
@@ -91,7 +71,7 @@ def extended_model(fit: Fit, record: Record, earlier: Sequence[Record] = ()) -> 
         if fit.joint.film is None:
             return ExtendedModel(None, plate, tuple(effects))
         named = with_named_curve(fit)
-        film, further = _film_model(named), 0
+        film, further = film_model(named), 0
         chain = RecordRun(ChainModel(plate or NO_PLATE, film, tuple(named.joint.switched(named.at.x))), COARSE)
         if earlier and (from_all := _film_of_all(named, chain, record, earlier)) is not None:
             film, further = from_all, len(earlier)
@@ -118,55 +98,15 @@ def with_named_curve(fit: Fit) -> Fit:
     curve = film.curve.columns(degC) @ fit.at.coefficients[1 : film.free]
     low, high = float(np.min(nodes.film_degC)), float(np.max(nodes.film_degC))
     best: tuple[float, Fit] | None = None
-    for name in FORMS[: 1 if film.curve.count == 0 else None]:
-        form = Form(name, False, low, high)
-        shape = _shape(form, degC, curve)
-        other = joint.having(fit.effects, replace(film, curve=NamedCurve(form, shape)))
-        at = other.solve(fit.at.x, fit.metric, fit.at.known_own)
-        evidence = -at.cost - 0.5 * (other.film.free + shape.size) * math.log(degC.size)  # type: ignore[union-attr]
+    for name in SIMPLEST_FIRST[: 1 if film.curve.count == 0 else None]:
+        named = nearest_curve(Form(name, False, low, high), degC, curve)
+        other = joint.having(fit.effects, replace(film, curve=named))
+        at = other.solve(other.from_other(joint, fit.at.x), fit.metric, fit.at.known_own)
+        evidence = -at.cost - 0.5 * (other.film.free + named.shape.size) * math.log(degC.size)  # type: ignore[union-attr]
         if best is None or evidence > best[0]:
             best = evidence, Fit(other, at, fit.metric, other.log_likelihood(at, fit.metric), fit.most)
     assert best is not None
     return best[1]
-
-
-def _shape(form: Form, degC: Array, curve: Array) -> Array:
-    """Return the form's nonlinear parameters that come nearest to a curve at some temperatures."""
-    if form.parameters == 0:
-        return np.empty(0)
-    low, high = form.bounds()
-
-    def left(shape: Array) -> Array:
-        columns = np.column_stack((np.ones(degC.size), form.columns(degC, shape)))
-        return np.asarray(curve - columns @ np.linalg.lstsq(columns, curve)[0])
-
-    axes = [np.linspace(a, b, STARTS + 2)[1:-1] for a, b in zip(low, high, strict=True)]
-    starts = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, low.size)
-    first = min(starts, key=lambda shape: float(np.sum(left(shape) ** 2)))
-    return np.asarray(least_squares(left, first, bounds=(low, high)).x)
-
-
-def _film_model(fit: Fit) -> FilmModel:
-    """Return the film of a fit whose D has a name, in the fit's decades."""
-    film, c = fit.joint.film, fit.at.coefficients
-    assert isinstance(film, PIFilm | PreisachFilm)
-    assert isinstance(film.curve, NamedCurve)
-    memoryless = film.curve.form.memoryless(c[1 : film.free], film.curve.shape, float(c[0]))
-    weights = c[film.free :]
-    kept = weights > NEGLIGIBLE * float(np.sum(weights))
-    kept[0] |= not np.any(kept)  # a film without any hysteresis
-    initial = film.start.initial
-    if isinstance(film, PIFilm):
-        values = fit.at.x[fit.joint.is_film]
-        rising, falling = (
-            Envelope("tanh", a, -a * float(centre))
-            for a, centre in ((math.exp(values[k]), values[k + 1]) for k in (0, 2))
-        )
-        kind = "generalized_pi" if memoryless.function == "none" else "extended_generalized_pi"
-        return FilmModel(film.radii[kept], weights[kept], rising, falling, memoryless, kind, initial=initial)
-    relays = film.density.only(kept)
-    radii = np.zeros(relays.centre.size)
-    return FilmModel(radii, weights[kept], *relays.envelopes(), memoryless, "mixed_envelopes", initial=initial)
 
 
 def _film_of_all(fit: Fit, chain: RecordRun, record: Record, earlier: Sequence[Record]) -> FilmModel | None:

@@ -49,16 +49,9 @@ def _reduce(jitter: float, out: Array) -> None:
                 below[j] -= factor * line[j]
 
 
-def triangle(columns: Array) -> Array:
-    """Return R, shape (k, k), upper triangular with R'R = columns' columns, up to a jitter of `JITTER` on the diagonal.
-
-    columns: shape (rows, k).
-    """
-    return reduced(np.ascontiguousarray(columns.T @ columns))
-
-
 def reduced(products: Array) -> Array:
-    """Return the same of the columns' products, shape (k, k), in their place."""
+    """Return R, shape (k, k), upper triangular with R'R = M'M, up to a jitter of `JITTER` on the diagonal, in the place
+    of the products M'M."""
     _reduce(JITTER * float(np.trace(products)) / max(products.shape[0], 1) + 1e-300, products)
     return products
 

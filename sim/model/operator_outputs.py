@@ -1,12 +1,10 @@
-"""Operator outputs along a path, and their derivatives with respect to the envelopes: the compiled part of a fit.
+"""Operator outputs along a path: the compiled part of a fit.
 
 An operator's output is always an envelope's value at an earlier row of the path, shifted by the radius,
     w_j = gamma_R(v_k) - r_j   or   gamma_L(v_k) + r_j   or   its saturated value,      paper eq (6)
-so that its derivative with respect to the envelopes' parameters is the envelope's own at that row. Envelopes are
-    gamma(v) = tanh(a (v - c)),        d gamma / d log a = (1 - gamma^2) a (v - c),     d gamma / d c = -(1 - gamma^2) a
-and a group of operators shares (log a_R, c_R, log a_L, c_L); its radii are r_j = f + (1 - f) s_j with fixed s_j and
-    f = max(0, max over v of (gamma_R(v) - gamma_L(v)) / 2),
-the smallest radius for which the order condition below eq (6) holds.
+Envelopes are gamma(v) = tanh(a (v - c)), and the operators share (log a_R, c_R, log a_L, c_L). The smallest radius for
+which the order condition below eq (6) holds is
+    f = max(0, max over v of (gamma_R(v) - gamma_L(v)) / 2).
 """
 
 from __future__ import annotations
@@ -61,92 +59,6 @@ def operator_outputs(
         while r < rows.size and rows[r] == i:
             for j in range(count):
                 out[r, j] = w[j]
-            r += 1
-
-
-@njit
-def _hand_over(
-    first: int,
-    by_log_a: float,
-    by_c: float,
-    by_floor: float,
-    total: Array,
-    total_by_floor: Array,
-    part: Array,
-    owner: Integers,
-) -> None:
-    """An operator adds something else now, by the envelope whose parameters begin at `first`: in place.
-
-    total, total_by_floor: of its group; part: what it has added, shape (3,); owner: by which envelope.
-    """
-    total[owner[0]] -= part[0]
-    total[owner[0] + 1] -= part[1]
-    total_by_floor[0] -= part[2]
-    part[0], part[1], part[2], owner[0] = by_log_a, by_c, by_floor, first
-    total[first] += by_log_a
-    total[first + 1] += by_c
-    total_by_floor[0] += by_floor
-
-
-@njit
-def output_derivatives(
-    inputs: Array,
-    gamma: Array,
-    side: Sides,
-    shapes: Array,
-    radii: Array,
-    fractions: Array,
-    group: Integers,
-    weights: Array,
-    floor_slope: Array,
-    rows: Integers,
-    out: Array,
-) -> None:
-    """d (sum_j p_j w_j) / d (parameters of the groups) at the rows, into out (rows, 4 groups).
-
-    shapes: (groups, 4) with log a_R, c_R, log a_L, c_L; floor_slope: (groups, 4), df / d shapes.
-    """
-    count, groups = radii.size, shapes.shape[0]
-    w = np.empty(count)
-    parts = np.zeros((count, 3))  # what an operator adds now: d/d log a, d/dc, d/df
-    owner = np.zeros(count, dtype=np.int64)  # 0: envelope R, 2: envelope L
-    total = np.zeros((groups, GROUP))
-    by_floor = np.zeros(groups)
-    r = 0
-    for i in range(side.size):
-        s = side[i]
-        if s != 0:
-            begins = s == 2 or s == -2
-            rising = s > 0
-            first = 0 if rising else 2
-            sign = -1.0 if rising else 1.0
-            for j in range(count):
-                k = group[j]
-                value = gamma[i, k] + sign * radii[j]
-                saturated = False
-                if begins:
-                    end = sign * (1.0 - radii[j])
-                    saturated = value >= end if s == -2 else value <= end
-                    w[j] = end if saturated else value
-                elif (rising and value > w[j]) or (not rising and value < w[j]):
-                    w[j] = value
-                else:
-                    continue
-                p = weights[j]
-                if p == 0.0:
-                    continue
-                by_log_a, by_c, by_radius = 0.0, 0.0, sign * p * (1.0 - fractions[j])
-                if saturated:
-                    by_radius = -by_radius
-                else:
-                    a, c = np.exp(shapes[k, first]), shapes[k, first + 1]
-                    bell = (1.0 - gamma[i, k] * gamma[i, k]) * a * p
-                    by_log_a, by_c = bell * (inputs[i] - c), -bell
-                _hand_over(first, by_log_a, by_c, by_radius, total[k], by_floor[k : k + 1], parts[j], owner[j : j + 1])
-        while r < rows.size and rows[r] == i:
-            for k in range(groups):
-                for q in range(GROUP):
-                    out[r, GROUP * k + q] = total[k, q] + by_floor[k] * floor_slope[k, q]
             r += 1
 
 

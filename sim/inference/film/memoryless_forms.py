@@ -26,7 +26,7 @@ from compensator.hysteresis.film import Memoryless
 from compensator.hysteresis.functions import COLDEST_K, KELVIN, Array
 
 FORMS: Final = ("none", "tanh", "linear", "arrhenius", "polynomial", "sin", "cos")
-SMOOTH: Final = "smooth"  # any smooth D, for a search only: ten cosines on the range
+SIMPLEST_FIRST: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # among which a fit chooses
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,6 @@ class Form:
     def columns(self, v: Array, par: Array) -> Array:
         """Return the columns at temperatures v, shape (rows, k)."""
         x = (v - self.middle) / self.half
-        if self.name == SMOOTH:
-            return np.asarray(np.cos(0.5 * np.pi * np.arange(1, 11) * (x[:, None] + 1.0)), dtype=np.float64)
         if self.name == "linear":
             return np.asarray(x[:, None], dtype=np.float64)
         if self.name == "arrhenius":

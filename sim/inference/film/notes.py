@@ -9,8 +9,8 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel, reversal_jumps
 from compensator.hysteresis.functions import Array
-from sim.inference.film.multistart import transition
-from sim.inference.film.rows import Path, Prepared
+from sim.inference.film.preisach_density import slope_density
+from sim.inference.film.rows import Prepared
 from sim.model.record_own import FilmStart
 
 # at different temperatures inside the transition: at fewer, minor loops between them are extrapolated
@@ -44,53 +44,58 @@ def determined_combinations(operators: Array, weights: Array, noise: float) -> i
     return int(np.sum(singular * size > 2.0 * noise))
 
 
-def memoryless_rms(path: Path) -> float:
+def memoryless_rms(degC: Array, output: Array) -> float:
     """Return the RMS residual of a model without hysteresis: straight lines over the temperature, one in each bin."""
-    v, y = path.inputs[path.rows], path.output
-    order = np.argsort(v, kind="stable")
+    order = np.argsort(degC, kind="stable")
     square, count = 0.0, 0
-    for part in np.array_split(order, max(2, min(60, v.size // 6))):
+    for part in np.array_split(order, max(2, min(60, degC.size // 6))):
         if part.size > 3:
-            fit = (
-                np.polynomial.polynomial.polyfit(v[part] - v[part].mean(), y[part], 1) if np.ptp(v[part]) > 0 else None
-            )
-            rest = y[part] - (
-                np.polynomial.polynomial.polyval(v[part] - v[part].mean(), fit) if fit is not None else y[part].mean()
-            )
-            square += float(rest @ rest)
+            away = degC[part] - degC[part].mean()
+            degree = 1 if np.ptp(away) > 0 else 0
+            left = output[part] - np.polyval(np.polyfit(away, output[part], degree), away)
+            square += float(left @ left)
             count += part.size - 2
     return float(np.sqrt(square / max(count, 1)))
+
+
+def transition(degC: Array, output: Array) -> tuple[float, float]:
+    """Return the middle and half-width (degC) of the central 80 % of the output's change per kelvin."""
+    edges = np.linspace(np.min(degC), np.max(degC), 61)
+    total = np.cumsum(slope_density(degC, output, edges))
+    low, high = np.interp([0.1 * total[-1], 0.9 * total[-1]], total, 0.5 * (edges[1:] + edges[:-1]))
+    return 0.5 * float(low + high), max(0.5 * float(high - low), float(edges[1] - edges[0]))
 
 
 def film_notes(
     records: Sequence[Prepared],
     starts: Sequence[FilmStart],
-    path: Path,
-    operators: Array,
+    fresh: Sequence[int],
+    readings: tuple[Array, Array, Array],
+    plays: Array,
     model: FilmModel,
     parameters: float,
     rmse: float,
 ) -> tuple[str, ...]:
     """Return sentences, one for each thing that the records do not determine.
 
-    starts: what the film remembers of each record's beginning and gaps; operators: play outputs at the readings, shape
-    (readings, operators); parameters: number that were fitted.
+    starts: what the film remembers of each record's beginning and gaps; fresh: how many readings of each are none that
+    repeat one; readings: degC, output, and 1 or -1 where it rises or falls, (readings,) each; plays: outputs of the
+    operators at them, (readings, operators); parameters: number that were fitted.
     """
     notes = []
-    weights = model.weights
+    weights, (v, output, sense_of) = model.weights, readings
     count, jump = reversal_jumps(model)
     if count:
         notes.append(
             f"{count} of {weights.size} operators violate the order condition: the output jumps by up to {jump:.3g} "
             "where the temperature reverses inside the transition, and the inverse skips that interval."
         )
-    v = path.inputs[path.rows]
     low, high = float(np.min(v)), float(np.max(v))
-    middle, half = transition(path)
+    middle, half = transition(v, output)
     inside = middle - TRANSITION_PER_HALF_WIDTH * half, middle + TRANSITION_PER_HALF_WIDTH * half
     one_way = []
     for sense, word in ((1, "rising"), (-1, "falling")):
-        moving = np.sign(path.side[path.rows]) == sense
+        moving = sense_of == sense
         crossed = np.ptp(np.clip(v[moving], *inside)) if np.any(moving) else 0.0
         if crossed < 0.5 * (inside[1] - inside[0]):
             one_way.append(
@@ -98,20 +103,20 @@ def film_notes(
                 f"Sweep through {inside[0]:.1f} to {inside[1]:.1f} degC in both directions."
             )
     notes += one_way
-    if not one_way and memoryless_rms(path) < 1.3 * rmse:
+    if not one_way and memoryless_rms(v, output) < 1.3 * rmse:
         beyond = BEYOND * (inside[1] - inside[0])
         crossed_it = low < inside[0] - beyond and high > inside[1] + beyond
         notes.append(_no_hysteresis(low, high, middle if crossed_it else None))
     else:
-        known = determined_combinations(operators, weights, rmse)
+        known = determined_combinations(plays, weights, rmse)
         notes += _minor_loops(reversals_inside(records, *inside), inside, bool(one_way), known, weights.size)
     if v.size < 5 * parameters:
         notes.append(
-            f"{v.size} readings for {parameters} fitted numbers: too few to trust the details. "
-            f"Record at least {5 * parameters} readings, most of them inside the transition."
+            f"{v.size} readings for {parameters:.0f} fitted numbers: too few to trust the details. "
+            f"Record at least {5 * parameters:.0f} readings, most of them inside the transition."
         )
-    for record, start in zip(records, starts, strict=True):
-        notes += _gaps(record, start) + _repeats(record)
+    for record, start, left in zip(records, starts, fresh, strict=True):
+        notes += _gaps(record, start) + _repeats(record, left)
     return tuple(notes)
 
 
@@ -133,14 +138,12 @@ def _gaps(record: Prepared, start: FilmStart) -> list[str]:
     return [f"{made}, as if the temperature had gone to {'; to '.join(shown)}."]
 
 
-def _repeats(record: Prepared) -> list[str]:
-    """Return a line on readings that stand in several rows, if any do."""
-    if not record.repeated.size:
+def _repeats(record: Prepared, fresh: int) -> list[str]:
+    """Return a line on readings that stand in several rows, if any do. fresh: how many are left without them."""
+    repeated = record.readings - fresh
+    if not repeated:
         return []
-    fresh = int(np.sum(np.isfinite(record.output))) - record.repeated.size
-    if record.origin is not None:
-        fresh = int(np.sum(record.used)) + record.outliers.size
-    times = 1.0 + record.repeated.size / max(fresh, 1)
+    times = 1.0 + repeated / max(fresh, 1)
     return [
         f"{record.name}: each reading of the output stands in {times:.1f} rows on average: its meter is slower than "
         f"the rows. Repeated values count as one reading, in the row in which they come first: {fresh} are left. Read "

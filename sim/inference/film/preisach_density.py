@@ -25,6 +25,9 @@ from compensator.hysteresis.functions import Array
 from sim.inference.joint.domains import Relays
 from sim.model.operator_outputs import Integers
 
+BY_OUTPUT: Final = 0.8  # share of the thresholds placed by the output's change; the others evenly over the range
+STEPS: Final = 8  # relays of no width over the range, which bend D where its form does not
+BINS: Final = 200  # of the range, in which a branch's change is summed up
 SPREAD_OVER: Final = 24, 5  # sharp relays for a smooth one: along its step, and to the next half-widths
 
 
@@ -75,3 +78,39 @@ class PreisachDensity:
         weight = np.broadcast_to(2.0 / (along * across) * weights[:, None, None], centre.shape)
         some = weight > 0.0
         return Relays((centre + width)[some], (centre - width)[some], weight[some])
+
+
+def relays_over(degC: Array, output: Array, thresholds: int, steepness: float) -> PreisachDensity:
+    """Return the relays between so many thresholds of either sense, placed for readings, (readings,). steepness: as of
+    `PreisachDensity.between`."""
+    steps = np.linspace(float(np.min(degC)), float(np.max(degC)), STEPS + 2)[1:-1]
+    up, down = (_thresholds(degC, output, thresholds, sense) for sense in (1.0, -1.0))
+    return PreisachDensity.between(up, down, steps, steepness)
+
+
+def _thresholds(degC: Array, output: Array, count: int, sense: float) -> Array:
+    """Temperatures between which the output changes by about as much in each, while it goes in a sense; (count,)."""
+    edges = np.linspace(float(np.min(degC)), float(np.max(degC)), BINS + 1)
+    density = slope_density(degC, output, edges, sense=sense)
+    cumulative = np.concatenate(([0.0], np.cumsum(density) / np.sum(density)))
+    place = BY_OUTPUT * cumulative + (1.0 - BY_OUTPUT) * np.linspace(0.0, 1.0, edges.size)
+    return np.interp((np.arange(count) + 0.5) / count, place, edges)
+
+
+def slope_density(degC: Array, output: Array, edges: Array, sense: float | None = None) -> Array:
+    """Return the mean d output / dT >= 0 in each temperature bin, from readings at least half a bin's width apart.
+
+    sense: 1 heating alone, -1 cooling alone, None both.
+    """
+    travel = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(degC)))))
+    coarse = np.flatnonzero(np.diff(np.floor(2.0 * travel / float(edges[1] - edges[0])), prepend=-1.0) > 0)
+    v, dv, dy = degC[coarse], np.diff(degC[coarse]), np.diff(output[coarse])
+    middle = 0.5 * (v[1:] + v[:-1])
+    if sense is not None:
+        own = np.sign(dv) == sense
+        middle, dv, dy = middle[own], dv[own], dy[own]
+    size = edges.size - 1
+    place = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, size - 1)
+    moved = np.bincount(place, weights=np.abs(dv), minlength=size)
+    changed = np.bincount(place, weights=np.maximum(np.sign(dv) * dy, 0.0), minlength=size)
+    return np.asarray(changed / np.maximum(moved, 1e-9) + 1e-12, dtype=np.float64)

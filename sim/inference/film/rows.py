@@ -1,8 +1,4 @@
-"""Records of a film made ready for a fit: checked, freed of outliers, with a path for the operators.
-
-A film's memory belongs to its record (`FilmStart`). Rate independence makes the path cheap: besides the rows with
-readings only its turning points count.
-"""
+"""Records of a film made ready for a fit: checked, with the path that drives the film, and one after the other."""
 
 from __future__ import annotations
 
@@ -15,14 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.functions import Array
 from sim.inference.readings.checked_columns import checked_columns
-from sim.inference.readings.outliers import lone_outliers
-from sim.inference.readings.repeated import repeated_rows
 from sim.inference.readings.temperature_path import TemperaturePath, temperature_path, turning_points
+from sim.inference.record.joined import joined
+from sim.inference.record.quantity import Quantity
+from sim.inference.record.record import Record, read_columns
 from sim.model.gaps import long_gaps, longest_of, rows_after_gaps
-from sim.model.operator_outputs import Integers, Sides
-from sim.model.record_own import FilmStart
+from sim.model.operator_outputs import Integers
 
 FEWEST: Final = 12  # readings below which nothing is fitted
+OUTPUT: Final = "output"  # the column
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,44 +38,39 @@ class FilmRecord:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A checked record. `path`: what drives the operators; `used`: rows with a trusted reading; `outliers`: rows of
-    the record as given; `gaps`: rows after each gap, with `unseen`, those after one that the film's memory is not known
-    through, and `gap_s`, how long each of the gaps lasted; `repeated`: rows of the record as given that repeat the
-    reading before; `origin`: of each row here the row there (-1: none), None if they are the same."""
+    """A checked record: its rows with a temperature, which stand in `rows` of the record as given. path: what drives
+    the film; gaps: rows after each gap, with `unseen`, those after one that the film's memory is not known through."""
 
     name: str
-    time_s: Array
+    given_s: Array
+    rows: Integers
     path: TemperaturePath
     output: Array
-    used: NDArray[np.bool_]
-    outliers: Integers
+    taken_s: Array
     gaps: Integers
     unseen: Integers
-    gap_s: Array
-    repeated: Integers
-    origin: Integers | None = None
+
+    @property
+    def time_s(self) -> Array:
+        return self.given_s[self.rows]
 
     @property
     def inputs(self) -> Array:
         return self.path.temperature_degC
 
     @property
+    def gap_s(self) -> Array:
+        """How long each of the gaps lasted."""
+        return np.asarray(self.time_s[self.gaps] - self.time_s[self.gaps - 1])
+
+    @property
     def longest_unseen(self) -> Integers:
         """The rows after the longest of the gaps that the film's memory is not known through."""
-        return longest_of(self.unseen, self.gap_s[np.searchsorted(self.gaps, self.unseen)])
+        return longest_of(self.unseen, self.time_s[self.unseen] - self.time_s[self.unseen - 1])
 
-
-@dataclass(frozen=True, eq=False)
-class Path:
-    """Rows of all records in sequence: inputs (degC), sides as `operator_outputs` takes them, and which of them
-    carry readings: `rows`, with `output`, `record` and `sample` (row in the record), each of shape (readings,)."""
-
-    inputs: Array
-    side: Sides
-    rows: Integers
-    output: Array
-    record: Integers
-    sample: Integers
+    @property
+    def readings(self) -> int:
+        return int(np.sum(np.isfinite(self.output)))
 
 
 def check_moves(name: str, path: TemperaturePath, expected: str) -> None:
@@ -95,139 +87,51 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
     if record.output_time_s is not None:
         columns["output_time_s"] = record.output_time_s
     found = checked_columns(columns, name)
-    time, temperature, output = found["time_s"], found["temperature_degC"], found["output"]
-    known = np.isfinite(temperature)
+    given, known = found["time_s"], np.isfinite(found["temperature_degC"])
     if not np.any(known):
-        raise ValueError(f"{name}: temperature_degC: no finite number in {time.size} rows, expected degC")
-    finite = np.isfinite(output) & known
-    if not np.any(finite):
-        raise ValueError(f"{name}: output: no finite reading in {time.size} rows, expected at least {FEWEST}")
-    if np.sum(finite) < FEWEST:
-        raise ValueError(f"{name}: output: {int(np.sum(finite))} finite readings, expected at least {FEWEST}")
+        raise ValueError(f"{name}: temperature_degC: no finite number in {given.size} rows, expected degC")
+    rows = np.flatnonzero(known)
+    time, temperature, output = given[rows], found["temperature_degC"][rows], found["output"][rows]
+    readings = int(np.sum(np.isfinite(output)))
+    if readings == 0:
+        raise ValueError(f"{name}: output: no finite reading in {given.size} rows, expected at least {FEWEST}")
+    if readings < FEWEST:
+        raise ValueError(f"{name}: output: {readings} finite readings, expected at least {FEWEST}")
     path = temperature_path(time, temperature, noise_K=noise_K)
     if record.course_degC is not None and path.noise_K > 0.0:
-        course = np.asarray(record.course_degC, dtype=np.float64)
+        course = np.asarray(record.course_degC, dtype=np.float64)[rows]
         course = np.where(np.isfinite(course), course, path.temperature_degC)
         path = replace(path, temperature_degC=course, turning=turning_points(course, 0.0))
     check_moves(name, path, "a sweep through the transition")
-    repeated = repeated_rows(output, FEWEST)
-    finite[repeated] = False
-    outliers = lone_outliers(output, finite)
-    finite[outliers] = False
-    unseen = _without_temperature(time, known)
-    gaps = _gaps(time, known, unseen)
-    before = _last_known(known, gaps)
-    whole = Prepared(name, time, path, output, finite, outliers, gaps, unseen, time[gaps] - time[before], repeated)
-    return whole if record.output_time_s is None else _at_reading_times(whole, before, found["output_time_s"])
+    gaps = rows_after_gaps(time)
+    unseen = long_gaps(time, gaps)
+    taken = found.get("output_time_s", given)[rows]
+    # a reading stamped inside a long gap counts at its end: the film has been wherever it was before that
+    edges = [0, *unseen.tolist(), time.size]
+    low, high = (np.repeat(time[ends], np.diff(edges)) for ends in (edges[:-1], np.array(edges[1:]) - 1))
+    taken = np.clip(np.where(np.isfinite(taken), taken, time), low, high)
+    return Prepared(name, given, rows, path, output, taken, gaps, unseen)
 
 
-def _without_temperature(time: Array, known: NDArray[np.bool_]) -> Integers:
-    """Return the rows after gaps that the film's memory is not known through: between two readings of the thermometer,
-    whether there are rows or not."""
-    rows = np.flatnonzero(known)
-    return np.asarray(rows[long_gaps(time[rows], rows_after_gaps(time[rows]))], dtype=np.int64)
-
-
-def _gaps(time: Array, known: NDArray[np.bool_], unseen: Integers) -> Integers:
-    """Return the row after each gap in time, and after those without a temperature: rows between belong to one gap."""
-    rows, after = np.flatnonzero(known), rows_after_gaps(time)
-    then = rows[np.minimum(np.searchsorted(rows, after), rows.size - 1)]
-    return np.union1d(after[~np.isin(then, unseen)], unseen).astype(np.int64)
-
-
-def _last_known(known: NDArray[np.bool_], gaps: Integers) -> Integers:
-    """Return the last row before each gap, with a temperature where there is any."""
-    rows = np.flatnonzero(known)
-    return np.asarray(np.where(gaps > rows[0], rows[np.searchsorted(rows, gaps) - 1], gaps - 1), dtype=np.int64)
-
-
-def _at_reading_times(record: Prepared, before: Integers, read_s: Array) -> Prepared:
-    """Return the record with a row of its own for each output that was read between two rows. before: the rows before
-    gaps."""
-    read = np.clip(np.where(np.isfinite(read_s), read_s, record.time_s), record.time_s[0], record.time_s[-1])
-    apart = np.flatnonzero(record.used & (read != record.time_s))
-    if not apart.size:
-        return record
-    count = record.time_s.size
-    time = np.concatenate((record.time_s, read[apart]))
-    output = np.concatenate((record.output, record.output[apart]))
-    used = np.concatenate((record.used, np.ones(apart.size, dtype=np.bool_)))
-    used[apart] = False
-    origin = np.concatenate((np.arange(count), apart))
-    order = np.argsort(time, kind="stable")
-    used, origin = used[order], origin[order]
-    inputs = np.interp(time[order], record.time_s, record.inputs)
-    path = replace(record.path, temperature_degC=inputs, turning=turning_points(inputs, 0.0))
-    place = np.argsort(order)  # here, of each row there
-    ends = [(int(place[last]), int(place[row]), int(row)) for last, row in zip(before, record.gaps, strict=True)]
-    gaps = np.array([_first_after(*one, origin, used) for one in ends], dtype=np.int64)
-    unseen = gaps[np.searchsorted(record.gaps, record.unseen)]
-    rows = time[order], path, output[order], used
-    return Prepared(record.name, *rows, record.outliers, gaps, unseen, record.gap_s, record.repeated, origin)
-
-
-def _first_after(last: int, end: int, row: int, origin: Integers, used: NDArray[np.bool_]) -> int:
-    """Return where what follows a gap begins, between the rows at its ends: at its end, which is that row of the
-    record, or at the first reading of this or a later row that is from within the gap: whatever the film went through
-    in it, it went through before. origin, used: of rows and readings in sequence."""
-    within = np.arange(last + 1, end)
-    early = within[used[within] & (origin[within] >= row)]
-    return int(early[0]) if early.size else end
-
-
-def build_path(
-    records: Sequence[Prepared], starts: Sequence[FilmStart], chosen: Sequence[NDArray[np.bool_]] | None = None
-) -> Path:
-    """Return one path through all records, with the chosen rows' readings (default: all used rows')."""
-    inputs, sides, rows, outputs, owners, samples = [], [], [], [], [], []
-    length = 0
-    for number, (record, start) in enumerate(zip(records, starts, strict=True)):
-        keep = record.used if chosen is None else record.used & chosen[number]
-        needed = keep.copy()
-        needed[record.path.turning] = True
-        needed[0] = True
-        after, passed_degC = start.turned_in_gaps(record.time_s)
-        needed[after] = needed[after - 1] = True
-        index = np.flatnonzero(needed)
-        places = np.searchsorted(index, after)
-        v = np.insert(record.inputs[index], places, passed_degC)
-        position = np.flatnonzero(keep[index])
-        position = position + np.searchsorted(places, position, side="right")
-        v, position = np.concatenate((start.turned_degC, v)), position + len(start.turned_degC)
-        side = np.empty(v.size, dtype=np.int8)
-        side[0] = -2 if start.initial == "cooled" else 2
-        side[1:] = np.sign(np.diff(v))
-        inputs.append(v)
-        sides.append(side)
-        rows.append(position + length)
-        readings = np.flatnonzero(keep)
-        outputs.append(record.output[readings])
-        owners.append(np.full(readings.size, number))
-        samples.append(readings)
-        length += v.size
-    return Path(
-        np.concatenate(inputs),
-        np.concatenate(sides).astype(np.int8),
-        np.concatenate(rows).astype(np.int64),
-        np.concatenate(outputs),
-        np.concatenate(owners).astype(np.int64),
-        np.concatenate(samples).astype(np.int64),
+def as_record(records: Sequence[Prepared], centre: float, size: float) -> Record:
+    """Return the records one after the other. centre, size: as of `Quantity`."""
+    columns, begins = joined(
+        [
+            {"time_s": r.time_s, "temperature_degC": r.inputs, OUTPUT: r.output, "resistance_time_s": r.taken_s}
+            for r in records
+        ]
     )
+    quantity = Quantity(OUTPUT, centre, size)
+    found = read_columns(columns, held_out=False, quantity=quantity, fewest=FEWEST, joined=begins)
+    return replace(found, course_degC=np.concatenate([r.inputs for r in records]))
 
 
-def held_out_blocks(record: Prepared, blocks: int = 90) -> NDArray[np.bool_]:
-    """Return rows to hold out: every third of short blocks of readings, so that each stretch of a sweep is covered."""
-    rows = np.flatnonzero(record.used)
-    length = max(1, round(rows.size / blocks))
-    held = np.zeros(record.used.size, dtype=np.bool_)
-    held[rows[(np.arange(rows.size) // length) % 3 == 1]] = True
+def held_out_blocks(record: Record, blocks: int = 90) -> NDArray[np.bool_]:
+    """Return rows to hold out: every third of short blocks of readings of each record, so that each stretch of a sweep
+    is covered."""
+    held = np.zeros(record.rows, dtype=np.bool_)
+    for part in record.parts:
+        rows = part.start + np.flatnonzero(record.output_used[part])
+        length = max(1, round(rows.size / blocks))
+        held[rows[(np.arange(rows.size) // length) % 3 == 1]] = True
     return held
-
-
-def thinned(record: Prepared, chosen: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
-    """Return at most about `most` of the chosen rows, evenly in sequence."""
-    rows = np.flatnonzero(record.used & chosen)
-    keep = np.zeros(record.used.size, dtype=np.bool_)
-    if rows.size:
-        keep[rows[np.unique(np.linspace(0, rows.size - 1, min(most, rows.size)).round().astype(np.int64))]] = True
-    return keep

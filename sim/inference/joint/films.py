@@ -4,7 +4,7 @@
     Preisach film   y = D(T) + sum_j c_j tanh(s_j (F_h[T] - centre_j)),  F_h classical plays of half-width h
 
 D(T) is a smooth curve of either sign over the record's range (`SmoothCurve`): a straight line by its first coefficient,
-and what bends it by the others.
+and what bends it by the others. Or it has one of the forms of a model file (`NamedCurve`).
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
+from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.preisach_density import PreisachDensity
 from sim.inference.joint.domains import Relays
 from sim.inference.joint.likelihood import Unknown
 from sim.model.film_columns import SmoothCurve, operator_columns, play_columns
 from sim.model.film_nodes import FilmNodes
+from sim.model.operator_outputs import radius_floor
 from sim.model.record_own import FilmStart
 
 OPERATORS: Final = 48  # radii: finer than a usual noise can tell apart, and
@@ -32,7 +34,7 @@ CURVE_DEC: Final = (1.0, 0.5, 0.2)  # of D's slope and bends over the range (deg
 WAVE_DEC: Final = 0.03  # of what else D may do
 WEIGHT_DEC: Final = 0.3  # of an operator's or step's weight: a tenth of a usual transition
 MARGIN_K: Final = 5.0  # beyond the record's range: a lagging or self-heated film goes there
-SLOPES_PER_K: Final = (0.01, 2.0)  # of envelopes: transitions from 1 K to 200 K wide
+SLOPES: Final = (0.5, 150.0)  # of envelopes, times the record's range: from wider than it to a hundredth of it
 
 
 def curve_over(low_degC: float, high_degC: float) -> SmoothCurve:
@@ -67,8 +69,38 @@ class Curve(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class NamedCurve:
+    """D(T) of a named form. shape: its nonlinear parameters, with which a fit begins."""
+
+    form: Form
+    shape: Array
+
+    @property
+    def count(self) -> int:
+        """How many columns."""
+        return int(self.columns(np.array([self.form.middle])).shape[1])
+
+    def columns(self, temperature: Array) -> Array:
+        """Return the columns without the constant, shape (samples, count)."""
+        return self.form.columns(temperature, self.shape)
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """Of a fit of the shape."""
+        names, steps = ("log_memoryless_slope", "memoryless_centre_degC"), (1e-3, 0.01)
+        each = zip(names, self.shape.tolist(), steps, *(end.tolist() for end in self.form.bounds()), strict=False)
+        return tuple(Unknown(name, at, step, low, high, None, False) for name, at, step, low, high in each)
+
+
+def _free(curve: Curve) -> int:
+    """How many coefficients of D may have either sign, the constant's first."""
+    return 1 if isinstance(curve, NamedCurve) and curve.form.monotone else 1 + curve.count
+
+
+@dataclass(frozen=True, eq=False)
 class PIFilm:
-    """A generalized Prandtl-Ishlinskii film with D(T)."""
+    """A generalized Prandtl-Ishlinskii film with D(T). ordered: whether its radii keep the order condition below paper
+    eq (6); places: of the radii between the smallest that is allowed and 1, (operators,)."""
 
     curve: Curve
     centres_degC: tuple[float, float]
@@ -76,25 +108,36 @@ class PIFilm:
     range_degC: tuple[float, float]
     start: FilmStart = field(default_factory=FilmStart)
     operators: int = OPERATORS
+    ordered: bool = False
+    chosen: Array | None = None
 
     @cached_property
-    def radii(self) -> Array:
-        return np.arange(self.operators) / self.operators
+    def places(self) -> Array:
+        return np.arange(self.operators) / self.operators if self.chosen is None else self.chosen
+
+    def radii(self, values: Array) -> Array:
+        """Return the radii for given values of the unknowns."""
+        floor = radius_floor(values[:4])[0] if self.ordered else 0.0
+        return np.asarray(floor + (1.0 - floor) * self.places)
 
     def finer(self) -> PIFilm:
         """The same with its radii closer to each other."""
         return replace(self, operators=FINER * OPERATORS)
 
+    def at_places(self, places: Array) -> PIFilm:
+        """The same with few radii."""
+        return replace(self, operators=places.size, chosen=places)
+
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         low, high = self.range_degC
         reach = 0.5 * (high - low)
-        slope, slopes = math.log(self.slope_per_K), (math.log(SLOPES_PER_K[0]), math.log(SLOPES_PER_K[1]))
+        slope, least, most = (math.log(slope) for slope in (self.slope_per_K, *(s / (high - low) for s in SLOPES)))
         out = []
         for side, centre in zip(("rising", "falling"), self.centres_degC, strict=True):
-            out.append(Unknown(f"{side}_log_slope", slope, 1e-3, *slopes, None, False))
+            out.append(Unknown(f"{side}_log_slope", slope, 1e-3, least, most, None, False))
             out.append(Unknown(f"{side}_centre_degC", centre, 0.01, low - reach, high + reach, None, False))
-        return tuple(out)
+        return (*out, *(self.curve.unknowns if isinstance(self.curve, NamedCurve) else ()))
 
     @cached_property
     def precision(self) -> Array:
@@ -102,10 +145,14 @@ class PIFilm:
 
     @property
     def free(self) -> int:
-        return 1 + self.curve.count
+        return _free(self.curve)
 
     def columns(self, values: Array, nodes: FilmNodes) -> Array:
-        return _with_curve(self.curve, nodes, operator_columns(nodes, values, self.radii))
+        return _with_curve(self.curve_at(values), nodes, operator_columns(nodes, values[:4], self.radii(values)))
+
+    def curve_at(self, values: Array) -> Curve:
+        """Return D's curve for given values of the unknowns."""
+        return replace(self.curve, shape=values[4:]) if isinstance(self.curve, NamedCurve) else self.curve
 
     def starting_with(self, start: FilmStart) -> PIFilm:
         """The same with another memory at the first row."""
@@ -133,18 +180,18 @@ class PreisachFilm:
 
     @property
     def free(self) -> int:
-        return 1 + self.curve.count
+        return _free(self.curve)
 
     def columns(self, values: Array, nodes: FilmNodes) -> Array:
         return _with_curve(self.curve, nodes, self.density.outputs(lambda widths: play_columns(nodes, widths)))
 
     def relays(self, coefficients: Array) -> Relays:
         """Return sharp relays of about the film's density."""
-        return self.density.sharp(coefficients[self.free :])
+        return self.density.sharp(coefficients[1 + self.curve.count :])
 
     def only(self, active: NDArray[np.bool_]) -> PreisachFilm:
         """The same with some of the columns."""
-        return replace(self, density=self.density.only(active[self.free :]), of_all=self.of_all or self)
+        return replace(self, density=self.density.only(active[1 + self.curve.count :]), of_all=self.of_all or self)
 
     def starting_with(self, start: FilmStart) -> PreisachFilm:
         """The same with another memory at the first row."""

@@ -110,6 +110,9 @@ class TwoChannels(Recorded, Protocol):
     def current_A(self) -> Array | None: ...
 
     @property
+    def course_degC(self) -> Array | None: ...
+
+    @property
     def output(self) -> Array | None: ...
 
     @property
@@ -483,6 +486,8 @@ class Joint:
     def _measured_path(self) -> PlatePath:
         """The path behind the thermometer's readings, of a record without a current."""
         record = self.record
+        if record.course_degC is not None:
+            return straight_path(record.time_s, record.course_degC)
         readings = np.where(record.temperature_used, record.temperature_degC, np.nan)
         edges = [0, *record.joined.tolist(), readings.size]
         parts = [slice(first, last) for first, last in itertools.pairwise(edges)]

@@ -12,10 +12,9 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import Kind
 from sim.effects.effect import Effect
-from sim.inference.film.relay_plane import relays_over
-from sim.inference.film.rows import Path
+from sim.inference.film.preisach_density import relays_over
 from sim.inference.joint.channel_noise import ChannelNoise, Metric
-from sim.inference.joint.films import PIFilm, PreisachFilm, curve_over
+from sim.inference.joint.films import Curve, PIFilm, PreisachFilm, curve_over
 from sim.inference.joint.likelihood import ROUNDS, SETTLED, Fit, Joint, Point, TwoChannels
 from sim.inference.joint.plate_starts import rough_balances
 from sim.inference.memory import begun, gaps_of, through_gaps
@@ -26,7 +25,7 @@ from sim.model.record_own import FilmStart
 SHARES: Final = (0.0, 0.5, 1.0)  # of the loop's width that the envelopes' centres are apart: the radii give the rest
 STEEPER: Final = (0.7, 1.0, 1.5)  # envelopes than the branches that they make
 LEVELS: Final = (0.25, 0.5, 0.75)  # of the output's range, at which branches are looked up
-SLOPES: Final = (0.02, 2.0)  # of a branch, 1/K: 100 K to 1 K wide
+SLOPES: Final = (1.0, 120.0)  # of a branch, times the record's range
 RELAYS: Final = 24  # thresholds of either sense of a film of another kind: 16 leave something over, 36 gain nothing
 STEEPNESS: Final = 0.45  # of its relays: the smoothest that are as steep as films of grains, whose evidence is largest
 WEIGHTS_DEC: Final = (0.1, 0.03, 0.01, 0.003)  # prior deviations of a relay's weight
@@ -112,22 +111,30 @@ def branches(record: TwoChannels, degC: Array) -> tuple[tuple[float, float], flo
             rows = rows if np.any(rows) else near
             at[k, j] = np.percentile(t[rows], end) if np.any(rows) else np.median(t)
     between = 0.5 * float(np.sum(at[:, -1] - at[:, 0]))  # of a tanh that is 2 atanh(1/2) / slope
-    return (float(at[0, 1]), float(at[1, 1])), float(np.clip(2.0 * math.atanh(0.5) / max(between, 0.1), *SLOPES))
+    least, most = (slope / float(np.ptp(degC)) for slope in SLOPES)
+    slope = 2.0 * math.atanh(0.5) / max(between, 1e-9)
+    return (float(at[0, 1]), float(at[1, 1])), min(max(slope, least), most)
 
 
-def film_starts(record: TwoChannels, degC: Array) -> list[PIFilm]:
-    """PI films from which a fit is to begin. degC: a smooth temperature of the film in the rows."""
+def film_starts(
+    record: TwoChannels,
+    degC: Array,
+    curve: Curve | None = None,
+    ordered: bool = False,
+    start: FilmStart | None = None,
+) -> list[PIFilm]:
+    """PI films from which a fit is to begin. degC: a smooth temperature of the film in the rows; curve, ordered: as of
+    `PIFilm`, a smooth curve where none is given; start: the memory, None where it is to be guessed."""
     centres, slope = branches(record, degC)
     middle, width = 0.5 * sum(centres), max(centres[0] - centres[1], 0.0)
     ends = float(np.min(degC)), float(np.max(degC))
-    curve = curve_over(*ends)
-    hot = degC[0] > middle + width
-    start = FilmStart("cooled" if hot else "heated")
-    out = []
-    for share in SHARES:
-        apart = 0.5 * share * width
-        out += [PIFilm(curve, (middle + apart, middle - apart), slope * factor, ends, start) for factor in STEEPER]
-    return out
+    curve = curve or curve_over(*ends)
+    start = start or FilmStart("cooled" if degC[0] > middle + width else "heated")
+    return [
+        PIFilm(curve, (middle + apart, middle - apart), slope * factor, ends, start, ordered=ordered)
+        for apart in (0.5 * share * width for share in SHARES)
+        for factor in STEEPER
+    ]
 
 
 def with_preisach_film(fit: Fit, effects: Sequence[Effect]) -> Fit:
@@ -136,7 +143,8 @@ def with_preisach_film(fit: Fit, effects: Sequence[Effect]) -> Fit:
     old = fit.joint.film
     assert isinstance(old, PIFilm)
     assert fit.metric.output is not None
-    film = PreisachFilm(old.curve, relays_over(_readings_path(fit), RELAYS, STEEPNESS), old.start)
+    rows = fit.joint.rows_dec
+    film = PreisachFilm(old.curve, relays_over(_smooth_path(fit)[rows], fit.joint.output, RELAYS, STEEPNESS), old.start)
     joint = fit.joint.having(effects, film)
     metric = replace(fit.metric, output=fit.metric.output.without_slow())
     first = joint.fit(joint.from_other(fit.joint, fit.at.x), metric, fit.at.own, rounds=1, most=fit.most, steps=0)
@@ -157,13 +165,6 @@ def evidence_of_film(fit: Fit) -> float:
     active = at.design[:, at.active] / np.sqrt(film.precision[at.active])
     _, volume = np.linalg.slogdet(np.eye(active.shape[1]) + active.T @ active)
     return float(fit.log_likelihood - 0.5 * volume - 0.5 * len(film.unknowns) * math.log(fit.joint.rows_dec.size))
-
-
-def _readings_path(fit: Fit) -> Path:
-    """The output over the film's temperature, in the used readings."""
-    rows, degC = fit.joint.rows_dec, _smooth_path(fit)
-    every, none = np.arange(rows.size), np.zeros(rows.size, dtype=np.int64)
-    return Path(degC[rows], none.astype(np.int8), every, fit.joint.output, none, every)
 
 
 def in_domains(fit: Fit, parts: tuple[int, int]) -> Fit:
@@ -203,9 +204,11 @@ def with_first_film(plate: Fit) -> Fit:
     return remembered(settled(joint, at.x, metric, at.own))
 
 
-def remembering(joint: Joint, at: Point, metric: Metric) -> tuple[Joint, Point]:
-    """The likelihood and point with the film's memory at the first row that suits best, the same if none is
-    clearly better."""
+def remembering(
+    joint: Joint, at: Point, metric: Metric, worth: float = WORTH, known: bool = False
+) -> tuple[Joint, Point]:
+    """The likelihood and point with the film's memory at the first row and through gaps that suits best, the same if
+    none is clearly better. worth: as of `begun`; known: whether the memory at the first row is."""
     film, record = joint.film, joint.record
     assert film is not None
 
@@ -217,8 +220,10 @@ def remembering(joint: Joint, at: Point, metric: Metric) -> tuple[Joint, Point]:
         return begun_with(start)[1].cost
 
     seen_degC = at.run.path.plate_degC
-    start = begun(film.start, float(at.run.path.at(np.zeros(1))[0]), seen_degC, cost, WORTH)
-    start = through_gaps(start, gaps_of(record, at.run.path), seen_degC, cost, WORTH)
+    start, first_degC = film.start, float(at.run.path.at(np.zeros(1))[0])
+    if not known:
+        start = begun(start, first_degC, seen_degC, cost, worth)
+    start = through_gaps(start, gaps_of(record, at.run.path), seen_degC, cost, worth)
     return (joint, at) if start == film.start else begun_with(start)
 
 
@@ -260,10 +265,13 @@ def with_plate_anew(fit: Fit) -> Fit:
 
 
 def _with_film(fit: Fit) -> Fit:
-    """The best of the film's starts after a few steps, the noise of the output white; all else as in a fit."""
+    return with_film_of(fit, film_starts(fit.joint.record, _smooth_path(fit)))
+
+
+def with_film_of(fit: Fit, starts: Sequence[PIFilm]) -> Fit:
+    """The best of a film's starts after a few steps, the noise of the output white; all else as in a fit."""
     tried: list[tuple[float, Joint, Array, Metric]] = []
-    record = fit.joint.record
-    for film in film_starts(record, _smooth_path(fit)):
+    for film in starts:
         joint = fit.joint.having(fit.effects, film)
         output = fit.metric.output.without_slow() if fit.metric.output else first_metric(joint).output
         metric = replace(fit.metric, output=output)

@@ -1,9 +1,16 @@
-"""Readings of a column that cannot be what was measured, in a line each: one bad row, or a unit that changes midway.
+"""Readings that are not what was measured: alone, repeated, or in a unit that changes midway; by rules without a model.
 
-By rules that know no model. A bad row stands off its neighbours and off the straight lines through them
-(`lone_outliers`), by more than an instrument's last digit. Where the unit changes the reading jumps, in one row, by
-just what the other unit makes of it, and stays: a plate does not, and a film that switches abruptly jumps in the sense
-in which it goes, and back again on the way back.
+A lone outlier is compared with the hull of its two neighbours on each side and of the straight lines through them, so
+that steep flanks and corners are no outliers; one further outside than the hull is wide, and than noise allows, is one.
+The noise is the median deviation from the neighbours' mean (P. J. Rousseeuw, C. Croux, J. Am. Stat. Assoc. 88 (1993)
+1273, on such scales). A bad row that is worth a line is off by more than an instrument's last digit, too.
+
+An instrument that is slower than the rows averages over several of them, and repeats every value as often; then it
+jumps by whatever has changed since. One that rounds repeats values honestly, where what it measures moves by less than
+its last digit; then its values step by one digit or a few.
+
+Where the unit changes the reading jumps, in one row, by just what the other unit makes of it, and stays: a plate does
+not, and a film that switches abruptly jumps in the sense in which it goes, and back again on the way back.
 """
 
 from __future__ import annotations
@@ -16,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from sim.inference.readings.outliers import lone_outliers
 
 STEPS: Final = 4.0  # usual changes from row to row by which a bad reading is off at the least: a last digit flickers
 ROWS_TOLD: Final = 5  # numbers of rows in a line
@@ -28,6 +34,15 @@ PREFIXES: Final = (3.0, 6.0)  # decades between ohm, kohm and Mohm
 NEAR_DEC: Final = 0.06  # to them: what a film may have moved in that row, and noise
 BESIDE: Final = 3  # rows on either side within which it neither moves nor jumps as far
 MOST_BESIDE: Final = 0.1  # of the jump: what these rows may differ by
+FAR: Final = 8.0  # in robust standard deviations, besides the hull's width
+FEWEST_ALONE: Final = 7
+FEWEST_RUNS: Final = 12  # of one value each: fewer tell nothing of an instrument
+ABOUT: Final = 10  # changes on either side by which the steps about a value are known
+NEAR: Final = 0.05  # of a step: on it
+MOST_ON_IT: Final = 0.9  # of the changes about a value, where these are steps
+LARGEST_STEPS: Final = 6.0  # of a last digit from value to value; beyond them no rounded instrument repeats one
+EXACT: Final = 1e-9  # relative: changes smaller than this are rounding of the computer's
+OFTEN: Final = 0.5  # of the values off the steps: so many have to be repeated
 Quantity = Literal["degC", "decades", "other"]
 
 
@@ -184,3 +199,62 @@ def of_records(records: Sequence[tuple[str, Sequence[Column]]]) -> tuple[str, ..
             beside = None if column is columns[0] else columns[0].values
             lines += [f"{name}: {line}" for line in odd_readings(column, beside)]
     return tuple(lines)
+
+
+def lone_outliers(values: Array, finite: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return rows of lone outliers among the finite values, shape (found,)."""
+    rows = np.flatnonzero(finite)
+    if rows.size < FEWEST_ALONE:
+        return np.empty(0, dtype=np.int64)
+    y = values[rows]
+    padded = np.concatenate((y[2:0:-1], y, y[-2:-4:-1]))
+    before2, before, after, after2 = (padded[k : k + y.size] for k in (0, 1, 3, 4))
+    around = np.stack((before2, before, after, after2, 2.0 * before - before2, 2.0 * after - after2))
+    low, high = around.min(axis=0), around.max(axis=0)
+    outside = np.maximum(np.maximum(low - y, y - high), 0.0)
+    noise = 1.2 * float(np.median(np.abs(y - 0.5 * (before + after)))) + 1e-9 * (1.0 + float(np.ptp(y)))
+    return np.asarray(rows[outside > FAR * noise + (high - low)], dtype=np.int64)
+
+
+def repeated_rows(values: Array, fewest: int = 0) -> NDArray[np.int64]:
+    """Return the rows in which an instrument repeats the reading before, if it is slower than the rows; else none.
+    values: (rows,), nan where there is no reading; fewest: readings that have to be left, or there are none to leave
+    out."""
+    rows = np.flatnonzero(np.isfinite(values))
+    y = values[rows]
+    fresh = np.concatenate(([True], np.diff(y) != 0.0)) if y.size else np.empty(0, dtype=np.bool_)
+    begins = np.flatnonzero(fresh)
+    none = np.empty(0, dtype=np.int64)
+    if begins.size < FEWEST_RUNS:
+        return none
+    lengths = np.diff(np.append(begins, y.size))
+    if np.sum(lengths > 1) < OFTEN * FEWEST_RUNS:
+        return none
+    free = ~_rounded(y[begins])
+    free[0] = free[-1] = False  # which may have begun before, or go on after
+    if np.sum(free) < FEWEST_RUNS or np.mean(lengths[free] > 1) < OFTEN:
+        return none
+    if begins.size < fewest:
+        return none
+    return np.asarray(rows[~fresh], dtype=np.int64)
+
+
+def _rounded(values: Array) -> NDArray[np.bool_]:
+    """Whether about each of the values, none like the one before, they step by a last digit: as they are, or as what
+    they are the logarithm of."""
+    with np.errstate(over="ignore"):
+        scales = values, 10.0**values, 10.0**-values
+    steps = [_in_steps(scale) for scale in scales if np.all(np.isfinite(scale))]
+    return np.asarray(np.any(steps, axis=0), dtype=np.bool_)
+
+
+def _in_steps(values: Array) -> NDArray[np.bool_]:
+    found = np.zeros(values.size, dtype=np.bool_)
+    changes = np.abs(np.diff(values))
+    changes = np.where(changes > EXACT * np.maximum(np.abs(values[1:]), np.abs(values[:-1])), changes, np.inf)
+    for k in range(values.size):
+        near = changes[max(k - ABOUT, 0) : k + ABOUT]
+        ratio = near / np.min(near)
+        on_it = (np.abs(ratio - np.round(ratio)) < NEAR) & (ratio <= LARGEST_STEPS)
+        found[k] = bool(np.mean(on_it) >= MOST_ON_IT)
+    return found

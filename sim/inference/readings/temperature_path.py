@@ -33,7 +33,7 @@ from scipy.optimize import isotonic_regression
 from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from sim.inference.readings.checked_columns import check_noise
-from sim.inference.readings.outliers import lone_outliers
+from sim.inference.readings.odd_readings import lone_outliers
 
 WIDE_K: Final = 5.0  # above this span ...
 COARSE: Final = 0.05  # ... `noise` of such a share is no noise, but reversals between the rows

@@ -19,8 +19,7 @@ from sim.effects.effect import Effect
 from sim.inference.noise import rough_noise
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, Told
 from sim.inference.readings.checked_columns import checked_columns
-from sim.inference.readings.outliers import lone_outliers
-from sim.inference.readings.repeated import repeated_rows
+from sim.inference.readings.odd_readings import lone_outliers, repeated_rows
 from sim.inference.record.lattice import lattice_step
 from sim.inference.record.quantity import RESISTANCE, Quantity
 from sim.inference.record.stretches import first_rows, gaps, undriven, with_readings
@@ -67,6 +66,7 @@ class Record:
     which the plate is not known). held_out: rows that no fit sees. left_out: readings that do not count though they are
     there, each with its row, column and the rule by which. quantity: what the output is. early: the share of a change
     of the current that acts before its row (`between_rows`). joined: where further records of the same rig begin.
+    course_degC: of the film, where it is known better than by the thermometer.
     inputs: what else heats the plate; constant_inputs: what would, if it changed, with its least and largest reading.
     """
 
@@ -90,6 +90,7 @@ class Record:
     early: float = 0.0
     joined: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     inputs: Inputs = NOTHING
+    course_degC: Array | None = None
     constant_inputs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
@@ -121,6 +122,10 @@ class Record:
     def deciding(self) -> Mask:
         """Of the rows that no fit sees, those that speak for or against a name: the other blocks."""
         return np.asarray(self.held_out & ~self.judging)
+
+    def leaving_out(self, outputs: Mask, rule: str) -> Record:
+        """The same without some readings of the output, and the rule by which."""
+        return self._using(self.temperature_used, self.output_used & ~outputs, rule)
 
     def _using(self, temperature_used: Mask, output_used: Mask, rule: str) -> Record:
         """The same with fewer readings, and the rule by which."""
@@ -273,7 +278,7 @@ def read_columns(
         early,
         _none(joined),
         logged_inputs(data, [0, *_none(joined)]) if current is not None else NOTHING,
-        constant_inputs(data, [0, *_none(joined)]) if current is not None else {},
+        constant_inputs=constant_inputs(data, [0, *_none(joined)]) if current is not None else {},
     )
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -29,9 +29,9 @@ from scipy.constants import Boltzmann, elementary_charge
 
 from compensator.hysteresis.functions import KELVIN, Array
 from sim.inference.covariance import NORMAL_95
-from sim.inference.film.result import FilmFit
-from sim.inference.film.rows import Path
+from sim.inference.film.result import FilmFit, along
 from sim.inference.transition.branches import SENSES, WHOLE, MajorBranch, Sense, major_branches
+from sim.model.record_own import FilmStart
 
 INSIDE: Final = 0.95  # the intervals' coverage, as everywhere here
 NOT_ASKED: Final = "the output is no resistance"
@@ -189,7 +189,7 @@ def transition(
     noise_K = fit.temperature_noise_K[number]
     branches, (low, high) = major_branches(time, course, y, noise_K)
     random = np.random.default_rng(seed)
-    spread, axes = np.linalg.eigh(fit.uncertainty.covariance.matrix)
+    spread, axes = np.linalg.eigh(fit.fitted.covariance.matrix)
     drawn = random.standard_normal((1 + DRAWS, spread.size)) * np.sqrt(np.maximum(spread, 0.0)) @ axes.T
     digit, shapes = last_digit(readings), {}
     for sense, branch in branches.items():
@@ -206,12 +206,10 @@ def _curve(fit: FilmFit, degC: Array, sense: Sense, alone: bool) -> tuple[Array,
     parameters). alone: whether the record has no other branch, so that this one begins in saturation."""
     forward = degC if sense == "heating" else degC[::-1]
     v = forward if alone else np.append(forward[-1], forward)
-    side = np.sign(np.diff(v, prepend=v[0])).astype(np.int8)
-    side[0] = 2 if (sense == "heating") == alone else -2
-    rows = np.arange(v.size - degC.size, v.size)
-    path = Path(v, side, rows, np.zeros(rows.size), np.zeros(rows.size, dtype=np.int64), rows)
+    nodes = along(v, FilmStart("heated" if (sense == "heating") == alone else "cooled"))
+    nodes = replace(nodes, points=np.arange(v.size - degC.size, v.size))
     order = slice(None) if sense == "heating" else slice(None, None, -1)
-    return fit.uncertainty.fitted.at(path)[order], fit.uncertainty.fitted.jacobian(path)[order]
+    return fit.fitted.at(nodes)[order], fit.fitted.jacobian(nodes)[order]
 
 
 def last_digit(readings: Array) -> float:

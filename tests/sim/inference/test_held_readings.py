@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim.inference.film.fit import identify_film
-from sim.inference.readings.repeated import repeated_rows
+from sim.inference.readings.odd_readings import repeated_rows
 from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, through
 
 MEASURED = Path(os.environ.get("PELTIER_DATA", Path(__file__).parents[3] / "shared" / "data"))

@@ -152,16 +152,6 @@ def test_a_magnetization_over_a_straight_background_is_fitted_to_its_noise(backg
     assert fit.rmse < 1.1 * noise
 
 
-@pytest.mark.long
-def test_the_search_is_global_and_repeatable() -> None:
-    time, temperature, y, _ = record(0)
-    again = [identify_film(time, temperature, y, kind="extended_generalized_pi", seed=seed) for seed in (0, 1, 2)]
-    fits = [fitted(0), *again]
-    assert np.array_equal(fits[0].model.weights, fits[1].model.weights)
-    errors = [fit.rmse for fit in fits]
-    assert max(errors) < 1.005 * min(errors)
-
-
 def test_outliers_are_left_out() -> None:
     time, temperature, y, _ = record(1, temperature_noise_K=0.01)
     rng = np.random.default_rng(8)

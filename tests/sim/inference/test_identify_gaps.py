@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sim.inference.film.fit import FilmRecord, identify_film, identify_film_records
-from sim.inference.film.rows import build_path, prepare
-from sim.model.record_own import FilmStart
+from sim.inference.film.rows import prepare
 from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, through
 
 NOISE = 0.002
@@ -67,38 +66,20 @@ def test_a_thermometer_without_readings_is_a_gap_too() -> None:
     lost = v.copy()
     lost[300:340] = np.nan
     record = prepare(FilmRecord(time, lost, y))
-    assert record.unseen.tolist() == [340, GAP]
+    assert record.rows[record.unseen].tolist() == [340, GAP]
     assert record.gap_s.tolist() == [time[340] - time[299], time[GAP] - time[GAP - 1]]
 
 
-@pytest.mark.parametrize("late_s", [-0.2, 0.2])
-def test_a_gap_is_as_long_as_its_rows_say_and_where_no_reading_is(late_s: float) -> None:
-    """A reading from before its row lies within the gap: the film has been wherever it was in it before that."""
+@pytest.mark.parametrize("late_s", [-3.3, -0.2, 0.2])
+def test_no_reading_is_taken_within_a_gap(late_s: float) -> None:
+    """A reading that is stamped there counts at its end: the film has been wherever it was in it before that."""
     time, v, y = with_an_excursion(None)
-    plain = prepare(FilmRecord(time, v, y))
     record = prepare(FilmRecord(time, v, y, output_time_s=time + late_s))
-    assert record.gap_s.tolist() == plain.gap_s.tolist() == [time[GAP] - time[GAP - 1]]
-    (row,) = record.unseen
-    between = (time[GAP - 1] + max(late_s, 0.0), time[GAP] + min(late_s, 0.0))
-    assert record.time_s[[row - 1, row]] == pytest.approx(between)
-    assert record.longest_unseen.tolist() == [row]
-
-
-@pytest.mark.parametrize("late_s", [-0.1, -1.3, -3.3])
-def test_readings_of_rows_after_a_gap_are_after_it_however_old_they_are(late_s: float) -> None:
-    """400 rows whose temperature is lost, in which the film turned round, and readings of up to seven rows before."""
-    _, v, _ = with_an_excursion(None)
-    there_and_back = np.concatenate((np.linspace(v[GAP - 1], 86.0, 201)[1:], np.linspace(86.0, v[GAP - 1], 201)[1:]))
-    whole = np.concatenate((v[:GAP], there_and_back, v[GAP:]))
-    time, lost = 0.5 * np.arange(whole.size), whole.copy()
-    lost[GAP : GAP + 400] = np.nan
-    record = prepare(FilmRecord(time, lost, np.sin(0.01 * time), output_time_s=time + late_s))
-    (row,) = record.unseen
-    assert record.gap_s.tolist() == [time[GAP + 400] - time[GAP - 1]]
-    assert record.origin is not None
-    readings = np.flatnonzero(record.used)
-    assert np.all(record.origin[readings[readings < row]] < GAP)
-    assert np.all(record.origin[readings[readings >= row]] >= GAP + 400)
+    assert record.gap_s.tolist() == [time[GAP] - time[GAP - 1]]
+    assert np.max(record.taken_s[:GAP]) <= time[GAP - 1]
+    assert np.min(record.taken_s[GAP:]) >= time[GAP]
+    inside = slice(20, GAP - 20)
+    np.testing.assert_allclose(record.taken_s[inside], time[inside] + late_s)
 
 
 def test_rows_after_a_gap_that_have_no_temperature_are_of_the_same_gap() -> None:
@@ -106,24 +87,8 @@ def test_rows_after_a_gap_that_have_no_temperature_are_of_the_same_gap() -> None
     lost = v.copy()
     lost[GAP : GAP + 20] = np.nan
     record = prepare(FilmRecord(time, lost, y))
-    assert record.gaps.tolist() == record.unseen.tolist() == [GAP + 20]
+    assert record.rows[record.gaps].tolist() == record.rows[record.unseen].tolist() == [GAP + 20]
     assert record.gap_s.tolist() == [time[GAP + 20] - time[GAP - 1]]
-
-
-def test_where_the_film_went_stands_in_its_path_and_in_no_reading() -> None:
-    time, v, y = with_an_excursion(None)
-    record = prepare(FilmRecord(time, v, y, output_time_s=time + 0.1), noise_K=0.0)
-    row = record.unseen[0]
-    start = FilmStart("cooled", (), ((float(record.time_s[row]), (20.0, 95.0)),))
-    few = np.zeros(record.used.size, dtype=np.bool_)
-    few[::17] = True
-    for chosen in (None, [few]):
-        path = build_path([record], [start], chosen)
-        plain = build_path([record], [FilmStart("cooled")], chosen)
-        at = int(np.flatnonzero(path.inputs == 20.0)[0])
-        assert path.inputs[at - 1 : at + 3].tolist() == [record.inputs[row - 1], 20.0, 95.0, record.inputs[row]]
-        np.testing.assert_array_equal(path.inputs[path.rows], plain.inputs[plain.rows])
-        np.testing.assert_array_equal(path.sample, plain.sample)
 
 
 def test_each_record_has_gaps_of_its_own() -> None:

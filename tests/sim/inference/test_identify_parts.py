@@ -7,73 +7,11 @@ import pytest
 import scipy.optimize
 
 from sim.inference.covariance import block_sandwich
+from sim.inference.film.fit import merged
 from sim.inference.film.memoryless_forms import FORMS, Form
-from sim.inference.film.relay_plane import fit_plane, fit_plane_judged, relays_over
-from sim.inference.film.rows import FilmRecord, Path, build_path, prepare
-from sim.inference.film.selection import make_problem
-from sim.inference.film.variable_projection import PlainFit, denser, equal_structure, merged
 from sim.inference.levenberg_marquardt import Damping, Linearized, damped_step, descend
-from sim.inference.nnls import solve_triangle, triangle
-from sim.model.operator_outputs import (
-    radius_floor,
-)
-from sim.model.record_own import FilmStart
-from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile, relay_film
-
-
-def prepared(samples: int = 900):
-    v = decaying_profile(samples)
-    film = is_prandtl_ishlinskii(0)
-    y = film.simulate(v, film.initial_memory(float(v[0]), "cooled"))[0]
-    return prepare(FilmRecord(np.arange(float(samples)), v, y))
-
-
-def test_derivatives_by_the_outer_parameters() -> None:
-    path = build_path([prepared()], [FilmStart("cooled")])
-    form = Form("tanh", True, 30.0, 90.0)
-    problem = make_problem(path, equal_structure(12, 2), form)
-    theta = np.array([-1.7, 60.3, -1.9, 60.9, -1.2, 59.0, -1.4, 62.0, -3.3, 52.0])
-    solution = problem.solve(theta)
-    _, gamma = problem.operators(theta)
-
-    def fit(at: np.ndarray) -> np.ndarray:
-        d = form.columns(problem.v, at[problem.split :]) @ solution.coefficients
-        return d + problem.operators(at)[0] @ solution.weights
-
-    exact = problem.derivatives(solution, gamma)
-    for k in range(theta.size):
-        step = np.zeros(theta.size)
-        step[k] = 1e-5
-        numeric = (fit(theta + step) - fit(theta - step)) / 2e-5
-        assert np.max(np.abs(exact[:, k] - numeric)) < 1e-4 * (1e-3 + np.max(np.abs(numeric)))
-
-
-def test_operator_outputs_are_those_of_the_model() -> None:
-    record = prepared()
-    problem = make_problem(
-        build_path([record], [FilmStart("heated")]), equal_structure(9), Form("none", True, 30.0, 90.0)
-    )
-    theta = np.array([-1.7, 60.3, -1.9, 60.0])
-    from sim.inference.film.fit import plain_model
-
-    solution = problem.solve(theta)
-    model = plain_model(PlainFit(problem, solution), "extended_generalized_pi", "y", "heated")
-    simulated, _ = model.simulate(record.inputs, model.initial_memory(float(record.inputs[0]), "heated"))
-    assert np.max(np.abs(simulated + solution.residual - record.output)) < 1e-12
-
-
-def test_thinned_rows_leave_the_operators_unchanged() -> None:
-    record = prepared()
-    few = np.zeros(record.used.size, dtype=np.bool_)
-    few[::17] = True
-    theta = np.array([-1.7, 60.3, -1.9, 60.9])
-    outputs = []
-    for chosen in (np.ones_like(few), few):
-        path = build_path([record], [FilmStart("cooled")], [chosen])
-        operators = make_problem(path, equal_structure(9), Form("none", True, 30.0, 90.0)).operators(theta)[0]
-        outputs.append(dict(zip(path.sample.tolist(), operators, strict=True)))
-    for sample, row in outputs[1].items():
-        assert np.max(np.abs(row - outputs[0][sample])) < 1e-15
+from sim.inference.nnls import reduced, solve_triangle
+from sim.model.operator_outputs import radius_floor
 
 
 def test_the_smallest_radius_is_what_the_order_condition_needs() -> None:
@@ -95,7 +33,8 @@ def test_the_smallest_radius_is_what_the_order_condition_needs() -> None:
 def test_reduced_nonnegative_least_squares() -> None:
     rng = np.random.default_rng(1)
     m, y = np.cumsum(rng.normal(size=(300, 12)), axis=0), rng.normal(size=300)
-    r = triangle(np.column_stack((m, y)))
+    columns = np.column_stack((m, y))
+    r = reduced(columns.T @ columns)
     x, square = solve_triangle(r, 2)
     signed = np.column_stack((m, -m[:, :2]))
     reference, norm = scipy.optimize.nnls(signed, y)
@@ -103,7 +42,7 @@ def test_reduced_nonnegative_least_squares() -> None:
     assert np.allclose(x, reference[:12], atol=1e-6)
     assert square == pytest.approx(norm**2, rel=1e-9)
     doubled = np.column_stack((m, m[:, 3], y))
-    assert solve_triangle(triangle(doubled), 0)[1] <= scipy.optimize.nnls(m, y)[1] ** 2 * (1 + 1e-6)
+    assert solve_triangle(reduced(doubled.T @ doubled), 0)[1] <= scipy.optimize.nnls(m, y)[1] ** 2 * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("name", FORMS)
@@ -152,41 +91,10 @@ def test_what_rows_do_not_determine_has_no_standard_error() -> None:
 
 
 def test_merging_keeps_the_weights_and_their_mean() -> None:
-    fine = denser(equal_structure(10))
     weights = np.zeros(40)
     weights[[3, 4, 20, 33]] = [0.2, 0.6, 0.5, 0.1]
-    few = merged(fine, weights, 3)
-    assert few.fractions.tolist() == pytest.approx([(0.2 * 3 + 0.6 * 4) / 0.8 / 40, 0.5, 33 / 40])
-
-
-def plain_film(path: Path) -> PlainFit:
-    problem = make_problem(path, equal_structure(6), Form("linear", True, 30.0, 90.0))
-    return PlainFit(problem, problem.solve(np.array([-1.7, 63.0, -1.9, 59.0])))
-
-
-def test_a_steep_wide_loop_has_its_operators_where_its_relays_switch() -> None:
-    """In minor loops too, in which a mean of the branches stays on the plateau that the film is on."""
-    paths = []
-    for seed in (5, 6):
-        v = random_profile(3000, seed)
-        y = relay_film(v, spread_K=0.8, half_width_K=6.0, width_spread=0.1)
-        paths.append(build_path([prepare(FilmRecord(np.arange(v.size, dtype=float), v, y))], [FilmStart("cooled")]))
-    fitted, other = paths
-    fit, error = fit_plane_judged(fitted, other, relays_over(fitted, 18), plain_film(fitted))
-    assert error < 0.01
-    heavy = fit.weights > 0.02 * np.max(fit.weights)
-    assert np.median(fit.relays.half_width[heavy]) == pytest.approx(6.0, abs=1.0)
-
-
-def test_the_model_of_a_preisach_density_reproduces_its_fit() -> None:
-    v = decaying_profile(1200)
-    record = prepare(FilmRecord(np.arange(1200.0), v, relay_film(v)))
-    path = build_path([record], [FilmStart("cooled")])
-    fit = fit_plane(path, relays_over(path, 12), plain_film(path), 30.0)
-    model = fit.model("minus_log10_ohm", "cooled")
-    simulated, _ = model.simulate(record.inputs, model.initial_memory(float(v[0]), "cooled"))
-    assert np.max(np.abs(simulated - fit.at(path))) < 1e-10
-    assert np.min(model.order_margin()) > -1e-12
+    few = merged(np.arange(40) / 40, weights, 3)
+    assert few.tolist() == pytest.approx([(0.2 * 3 + 0.6 * 4) / 0.8 / 40, 0.5, 33 / 40])
 
 
 def test_a_descent_from_a_trial_without_an_end_stays_there() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from sim.inference.readings.outliers import lone_outliers
+from sim.inference.readings.odd_readings import lone_outliers
 from sim.inference.readings.temperature_path import temperature_path, turning_points
 from tests.sim.inference.identification_films import decaying_profile
 
