@@ -47,7 +47,7 @@ _PLACES = {
     "Model": "config.model_file",
     "Record": "records.record",
     "calibrate": "notebook.bench",
-    "diagnose": "notebook.diagnosis",
+    "diagnose": "notebook.analysis",
     "identify": "notebook.analysis",
     "invert": "notebook.analysis",
     "open_bench": "notebook.bench",

@@ -6,7 +6,7 @@ film has its operators where a fit has them, and a D(T) that the fit's splines c
 
 from __future__ import annotations
 
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 
@@ -101,22 +101,11 @@ def by_the_rig(effects: tuple[Switched, ...]) -> tuple[Array, Array]:
     return np.array(shown)[:, 0], np.array(shown)[:, 1]
 
 
-class FitsFilm(PIFilm):
-    """The fit's film with the operators of `FILM`."""
-
-    @cached_property
-    def radii(self) -> Array:
-        return FRACTIONS
-
-    @cached_property
-    def precision(self) -> Array:
-        return np.ones(1 + self.curve.count + FRACTIONS.size)
-
-
 def by_the_fit(effects: tuple[Switched, ...], time: Array, current: Array) -> tuple[Array, Array]:
     """Both channels of the fits' likelihood, with the true parameters."""
     curve, coefficients = the_fits_curve()
-    film = FitsFilm(curve, (62.0, 58.0), 0.2, (20.0, 110.0), FilmStart("cooled", (FIRST_DEGC,)))
+    film = PIFilm(curve, (62.0, 58.0), 0.2, (20.0, 110.0), FilmStart("cooled", (FIRST_DEGC,)))
+    film = film.at_places(FRACTIONS)
     given = tuple(e for e in effects if not getattr(e.effect.form, "rounding", False))
     known = np.concatenate((coefficients, WEIGHTS))
     joint = Joint(_record(time, current), tuple(e.effect for e in given), film, "peltier", known)

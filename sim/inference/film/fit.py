@@ -59,6 +59,7 @@ MEMORIES: Final = 3  # searches for the memory: it is seen better with the envel
 WORTH: Final = 0.98  # of the held-out error, below which a candidate with more freedom has to come
 LEAST_NOISE: Final = 1e-6  # of the output's span: a film simulated without noise
 STEPS: Final = 30  # of a descent from the best of the starts
+CLOSE: Final = 0.005  # log-likelihood that its last step gains: numbers of a film that is shifted are then the same
 THRESHOLDS: Final = (12, 18, 24, 36)  # of either sense: half finer each, up to what half a second can compute
 STEEPNESS: Final = 0.8  # of a relay's step, times the distance of thresholds: the sum of neighbours is then smooth
 WIDTHS: Final = np.geomspace(1.0, 1000.0, 7)  # of the relays' prior, over the noise: up to a whole film in one relay
@@ -265,7 +266,7 @@ class _Search:
         at = joint.solve(x, metric := self._metric(joint))
         for _ in range(2):
             at = joint.solve(at.x, metric := self._metric(joint, at.residual_dec), at.known_own)
-            at = joint.descend(at, metric, steps)
+            at = joint.descend(at, metric, steps, CLOSE)
         return Fit(joint, at, metric, joint.log_likelihood(at, metric))
 
     def _smooth(self) -> Fit:

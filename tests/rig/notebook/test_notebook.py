@@ -265,7 +265,10 @@ def test_not_confirmed_off_says_what_to_do(bench_file: Path, monkeypatch: pytest
     whole = rig.bench.assembly.emulated
 
     def wrapped(*words: Any, **more: Any) -> Any:
-        made.append(Disobedient(whole(*words, **more), "silent"))
+        emulator = whole(*words, **more)
+        if made:  # the controller comes first, then the meter
+            return emulator
+        made.append(Disobedient(emulator, "silent"))
         return made[0]
 
     monkeypatch.setattr(rig.bench.assembly, "emulated", wrapped)
