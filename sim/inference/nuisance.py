@@ -52,7 +52,7 @@ class Forward(Protocol):
 
     def plate(self, record: Recorded, own: RecordOwn) -> PlateRun: ...
 
-    def shown(self, record: Recorded, path: PlatePath, own: RecordOwn) -> Array: ...
+    def shown(self, record: Recorded, path: PlatePath, own: RecordOwn, read: Array | None = None) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +166,10 @@ def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: Pl
     """Return the record's own with memory, and how far filters of film and ohmmeter are behind, fitted."""
     assert told.output is not None
     rows, output = np.flatnonzero(np.isfinite(told.output)), told.output
+    read = np.interp(np.arange(output.size), rows, output[rows]) if rows.size else output
 
     def residual(of: RecordOwn) -> Array:
-        return (output - chain.shown(record, path, of))[rows] / told.sigma_dec
+        return (output - chain.shown(record, path, of, read))[rows] / told.sigma_dec
 
     def cost(film: FilmStart) -> float:
         return 0.5 * float(np.sum(residual(replace(own, film=film)) ** 2))

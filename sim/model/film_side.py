@@ -79,15 +79,22 @@ class FilmSide:
         return FilmState(memory, *filters, late or {})
 
     def advance(
-        self, state: FilmState, time_s: Array, plate_degC: Array, test_current_A: Array
+        self,
+        state: FilmState,
+        time_s: Array,
+        plate_degC: Array,
+        test_current_A: Array,
+        power_W: Array | None = None,
     ) -> tuple[Array, Array, Array, FilmState]:
         """Return (film's temperature in degC, -log10 of its own R, the same at the ohmmeter, state at the last node);
         arrays of shape (nodes,).
 
-        time_s counts from the record's first row; test_current_A: up to each node.
+        time_s counts from the record's first row; test_current_A: up to each node; power_W: what the ohmmeter heats
+        with, None: by the film's own resistance.
         """
-        film_degC, temperature_filters = self._warmed(state, time_s, plate_degC, np.zeros(time_s.size))
-        if self._links.heated and np.any(test_current_A != 0.0):
+        none = np.zeros(time_s.size)
+        film_degC, temperature_filters = self._warmed(state, time_s, plate_degC, none if power_W is None else power_W)
+        if power_W is None and self._links.heated and np.any(test_current_A != 0.0):
             film_degC = self._heated(state, time_s, plate_degC, test_current_A, film_degC)
             power = self._power(state, time_s, film_degC, test_current_A)
             _, temperature_filters = self._warmed(state, time_s, plate_degC, power)

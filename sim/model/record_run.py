@@ -18,7 +18,7 @@ from sim.model.chain import ChainModel
 from sim.model.film_nodes import plate_at_film_nodes
 from sim.model.film_side import FilmSide
 from sim.model.links import Links
-from sim.model.meter_power import MeterCurrent
+from sim.model.meter_power import MeterCurrent, MeterPower
 from sim.model.plate_path import PlatePath, PlateRun, plate_nodes, simulate_plate
 from sim.model.record_own import RecordOwn, anew_rows
 from sim.model.recorded import EVENTS, FINE, Recorded, Rows, Spacing
@@ -58,13 +58,16 @@ class RecordRun:
         """Return the plate's path, and what an ideal thermometer shows in each row."""
         return run_plate(record, self.links, self.model.plate.numbers, own, self.spacing, dict(self.model.plate.inputs))
 
-    def shown(self, record: Recorded, path: PlatePath, own: RecordOwn) -> Array:
-        """Return -log10 of the resistance shown in each row, without noise."""
-        return self.film(record, path, own).output
+    def shown(self, record: Recorded, path: PlatePath, own: RecordOwn, read: Array | None = None) -> Array:
+        """Return -log10 of the resistance shown in each row, without noise. read: as in `film`."""
+        return self.film(record, path, own, read=read).output
 
-    def film(self, record: Recorded, path: PlatePath, own: RecordOwn, memory: Any = None) -> FilmRun:
+    def film(
+        self, record: Recorded, path: PlatePath, own: RecordOwn, memory: Any = None, read: Array | None = None
+    ) -> FilmRun:
         """Return the run of film and ohmmeter on a course of the plate. memory: the film's, before its first
-        temperature; None: that of `own`."""
+        temperature; None: that of `own`. read: -log10 of a resistance in each row by which an ohmmeter heats the film;
+        None: of the film's own, which goes with that heat, and takes a hundred times as long."""
         film, links = self.model.film, self.links
         assert film is not None
         test = record.test_current_A if record.test_current_A is not None else np.zeros(record.time_s.size)
@@ -72,13 +75,14 @@ class RecordRun:
         jumps = meter.jumps_s() if links.heated else np.empty(0)
         time, place, plate = plate_at_film_nodes(record, path, links, jumps, own.film, self.spacing)
         test = test[meter.row_at(time)]
+        power_W = MeterPower(meter, read).at(time) if links.heated and read is not None else None
         side = FilmSide(film, links)
         state = side.start(own.film.memory(film) if memory is None else memory, own.late)
         film_degC, output, own_output = np.empty((3, time.size))
         for begin in range(0, max(time.size - 1, 1), BLOCK):  # a block begins with the last node of the one before
             part = slice(begin, min(begin + BLOCK + 1, time.size))
             film_degC[part], own_output[part], output[part], state = side.advance(
-                state, time[part], plate[part], test[part]
+                state, time[part], plate[part], test[part], None if power_W is None else power_W[part]
             )
         shown = output[place]
         if links.readings:

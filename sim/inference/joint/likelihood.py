@@ -658,6 +658,7 @@ class Joint:
             change = (self.simulate(x, metric).shown_degC - at.run.shown_degC)[self.rows_K] / STEP_K
             stretch = np.searchsorted(self.record.first_rows, self.rows_K, side="right") - 1
             out[:, firsts] = np.where(stretch[:, None] == np.arange(self.first_degC.size), change[:, None], 0.0)
+        out[:, ~np.all(np.isfinite(out), axis=0)] = 0.0  # what cannot be simulated a step away stays where it is
         return out
 
     @cached_property
