@@ -9,7 +9,8 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 
 SMALLEST_K = 0.02  # a file's own last digit is no finding
-NEAR = 0.02  # of a step: on the lattice
+NEAR = 0.02  # of a step: on the lattice, unless the file's last digit is coarser
+FARTHEST = 0.15  # of a step: of a coarser digit three in ten readings anywhere would be on it
 MOST_ON_IT = 0.98  # of the readings
 OFF = 0.05  # share of a step of `SMALLEST_K`: a last digit of 0.001, by which the distance of neighbours may be off
 IN_A_TURN = 8.0  # steps tried for each by which the last reading's number changes by one
@@ -41,11 +42,20 @@ def lattice_step(values: Array) -> float:
     index = np.round((distinct - distinct[0]) / step)
     if index[-1] < 2:
         return 0.0
-    step = float(np.polyfit(index, distinct, 1)[0])
-    index = (values - distinct[0]) / step
-    if step < SMALLEST_K or np.mean(np.abs(index - np.round(index)) < NEAR) < MOST_ON_IT:
+    step, first = (float(number) for number in np.polyfit(index, distinct, 1))
+    index = (values - first) / step
+    if step < SMALLEST_K or np.mean(np.abs(index - np.round(index)) < _near(distinct, step)) < MOST_ON_IT:
         return 0.0
     return step
+
+
+def _near(distinct: Array, step: float) -> float:
+    """How far from the lattice readings on it may lie, in steps: half of a file's last digit. distinct: values."""
+    for digits in range(ALIKE):
+        last = 10.0**-digits
+        if np.all(np.abs(distinct / last - np.round(distinct / last)) < 1e-3):
+            return float(np.clip(0.55 * last / step, NEAR, FARTHEST))
+    return NEAR
 
 
 def step_error(values: Array, step: float) -> float:
@@ -53,5 +63,6 @@ def step_error(values: Array, step: float) -> float:
     distinct = np.unique(values)
     index = np.round((distinct - distinct[0]) / step)
     off, index = distinct - distinct[0] - index * step, index - np.mean(index)
-    on_it = np.abs(off) < NEAR * step
+    off -= np.median(off)  # the first one is off, too
+    on_it = np.abs(off) < _near(distinct, step) * step
     return float(np.std(off[on_it]) / np.sqrt(np.sum(index[on_it] ** 2)))
