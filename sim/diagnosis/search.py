@@ -393,9 +393,11 @@ def outweighs(fit: Fit, less: Fit) -> bool:
     left = left_over(fit)
     residuals = zip(_simulated(less), _simulated(fit), fit.metric.channels, ("temperature", "output"), strict=False)
     for before, after, channel, key in residuals:
-        taken = float(np.mean(before**2) - np.mean(after**2)) if after.size else 0.0
-        unknown = channel.noise.slow if key in left else 0.0
-        if taken > max(unknown, LEFT_SHARE * channel.noise.white) ** 2:
+        if not after.size:
+            continue
+        white = channel.noise.white
+        unknown = max(float(np.mean(after**2)) - white**2, 0.0) if key in left else 0.0
+        if float(np.mean(before**2) - np.mean(after**2)) > max(unknown, (LEFT_SHARE * white) ** 2):
             return True
     return False
 
