@@ -56,5 +56,5 @@ def test_another_day_is_predicted_by_the_least_error_of_simulation() -> None:
 
 def test_a_model_that_lacks_nothing_keeps_its_numbers() -> None:
     """Of the plate alone: its intervals are those of the likelihood, and its numbers have to be."""
-    fit = base_fit(read_columns(two_bodies(1, 22.0, share=0.0)), "heater")
+    fit = base_fit(read_columns(two_bodies(1, 22.0, share=0.0)), ("heater",))
     assert fit.for_simulation is fit
