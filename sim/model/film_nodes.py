@@ -1,20 +1,25 @@
-"""The film's temperature over a record, at the times at which it turns round, is read, or is followed by a lag."""
+"""The film's temperature over a record, at the times at which it turns round, is read, or its output is followed by a
+lag.
+
+A lag of the temperature itself follows the plate at times much closer to each other: a current that acts between two
+rows bends the plate's course there, and what lags remembers it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from sim.effects.effect import Filter
+from sim.effects.effect import Filter, Switched
 from sim.model.links import Links, followed, warmed
 from sim.model.meter_power import MeterPower
-from sim.model.plate_path import PlatePath
+from sim.model.plate_path import PlatePath, turns_between
 from sim.model.record_own import FilmStart
-from sim.model.recorded import COARSE, Recorded, Spacing
+from sim.model.recorded import COARSE, Mask, Recorded, Spacing
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,16 +71,26 @@ def film_nodes(
 ) -> FilmNodes:
     """Return the film's temperature. late_K: how far each filter of it is behind at the first row; power: of the
     ohmmeter, if it heats."""
+    late, effects = iter(late_K), links.film_temperature
+    course = path.finer(_begins(record, path), spacing.parts(path.time_s)) if links.film_lags else None
+    turning_s = path.turning_s
+    if course is not None:
+        time, temperature = course
+        _through_gaps(record, path, start, time, temperature)
+        while any(isinstance(e.effect.form, Filter) for e in effects):
+            temperature = _after(effects[0], time, temperature, power, late)
+            effects = effects[1:]
+        course = time, temperature
+        turning_s = time[turns_between(temperature, np.empty(0, dtype=np.int64))]
     jumps_s = power.meter.jumps_s() if power is not None else np.empty(0)
-    time, place, temperature = plate_at_film_nodes(record, path, links, jumps_s, start, spacing)
-    late = iter(late_K)
-    for effect in links.film_temperature:
-        if isinstance(effect.effect.form, Filter):
-            temperature, _ = followed(effect, time, temperature, np.full(1, np.nan), next(late))
-        else:
-            heated = power is not None and effect.effect.form.heated  # type: ignore[union-attr]
-            power_W = power.at(time) if heated and power is not None else np.zeros(time.size)
-            temperature = warmed(effect, time, temperature, power_W)
+    time, place = _nodes(record, path, links, (turning_s, jumps_s), start, spacing)
+    if course is None:
+        temperature = path.at(time)
+        _through_gaps(record, path, start, time, temperature)
+    else:
+        temperature = np.interp(time, *course)
+    for effect in effects:
+        temperature = _after(effect, time, temperature, power, late)
     side = np.empty(time.size, dtype=np.int8)
     side[0] = -2 if start.initial == "cooled" else 2
     side[1:] = np.sign(np.diff(temperature))
@@ -89,43 +104,74 @@ def film_nodes(
 
 
 def plate_at_film_nodes(
-    record: Recorded,
-    path: PlatePath,
-    links: Links,
-    jumps_s: Array,
-    start: FilmStart,
-    spacing: Spacing = COARSE,
+    record: Recorded, path: PlatePath, links: Links, jumps_s: Array, start: FilmStart, spacing: Spacing
 ) -> tuple[Array, NDArray[np.int64], Array]:
-    """Return (times at which the film's temperature is needed, the one at which each row's resistance was read, the
-    plate's temperature at them, or what a film went through in a gap). jumps_s: when the ohmmeter's power changes at
-    once."""
-    taken = links.taken(record.taken_s)
-    turns = np.concatenate((path.turning_s, jumps_s)) if jumps_s.size else path.turning_s
-    gaps = record.first_rows[1:]
-    begin, end = record.time_s[gaps - 1], record.time_s[gaps]
-    turns = turns[_gap_of(turns, begin, end) < 0]  # what a simulation does there is made up
-    after, passed_degC = start.turned_in_gaps(record.time_s)
-    number = 1 + np.arange(after.size) - np.searchsorted(after, after)  # of its gap, evenly apart in time
-    share = number / (1 + np.searchsorted(after, after, side="right") - np.searchsorted(after, after))
-    within = record.time_s[after - 1] + share * (record.time_s[after] - record.time_s[after - 1])
-    turns = np.concatenate((turns, within))
-    if spacing.film_parts == 1:
-        turns = np.concatenate((turns, path.time_s))
-    elif links.film_lags or links.meter_lags:
-        turns = np.concatenate((turns, 0.5 * (record.time_s[1:] + record.time_s[:-1])))
-    same = turns.size == 0 and np.array_equal(taken, record.time_s)
-    time, place = record.time_s, np.arange(taken.size)
-    if not same:
-        time, place = path.together(np.concatenate((time, turns)), np.clip(taken, 0.0, None))
+    """Return (times at which the film's temperature is needed and followed, the one at which each row's resistance was
+    read, the plate's temperature at them, or what a film went through in a gap). jumps_s: when the ohmmeter's power
+    changes at once."""
+    closer = path.finer(_begins(record, path), spacing.parts(path.time_s))[0] if links.film_lags else np.empty(0)
+    time, place = _nodes(record, path, links, (path.turning_s, jumps_s, closer), start, spacing)
     temperature = path.at(time)
-    if gaps.size and not same:  # what is read there is on the way from one end to the other
-        gap = _gap_of(time, begin, end)
-        inside = gap >= 0
-        ends, gap = path.at(np.stack((begin, end))), gap[inside]
-        way = (time[inside] - begin[gap]) / (end - begin)[gap]
-        temperature[inside] = ends[0, gap] + way * (ends[1] - ends[0])[gap]
-    temperature[np.searchsorted(time, within)] = passed_degC
+    _through_gaps(record, path, start, time, temperature)
     return time, place, temperature
+
+
+def _after(effect: Switched, time: Array, temperature: Array, power: MeterPower | None, late: Iterator[float]) -> Array:
+    """The film's temperature behind one of the effects on it."""
+    if isinstance(effect.effect.form, Filter):
+        return followed(effect, time, temperature, np.full(1, np.nan), next(late))[0]
+    heated = power is not None and effect.effect.form.heated  # type: ignore[union-attr]
+    return warmed(effect, time, temperature, power.at(time) if heated and power is not None else np.zeros(time.size))
+
+
+def _begins(record: Recorded, path: PlatePath) -> Mask:
+    """The nodes of a path at which a stretch begins."""
+    begins = np.zeros(path.time_s.size, dtype=np.bool_)
+    begins[np.searchsorted(path.time_s, record.time_s[record.first_rows])] = True
+    return begins
+
+
+def _nodes(
+    record: Recorded, path: PlatePath, links: Links, times: Sequence[Array], start: FilmStart, spacing: Spacing
+) -> tuple[Array, NDArray[np.int64]]:
+    """(Times of the film's nodes: the rows, when their resistances were read, what it went through in gaps, and others;
+    the node at which each row's was read). What a simulation of the plate does in a gap is made up."""
+    taken = links.taken(record.taken_s)
+    if links.meter_lags or (links.hysteretic_part and spacing.creep):
+        times = (*times, path.time_s)
+    more = np.concatenate([some for some in times if some.size] or [np.empty(0)])
+    more = more[_gap_of(more, *_gaps(record)) < 0]
+    more = np.concatenate((more, _passed(record, start)[0]))
+    if more.size == 0 and np.array_equal(taken, record.time_s):
+        return record.time_s, np.arange(taken.size)
+    return path.together(np.concatenate((record.time_s, more)), np.clip(taken, 0.0, None))
+
+
+def _passed(record: Recorded, start: FilmStart) -> tuple[Array, Array]:
+    """When a film turned round in gaps, evenly apart in each, and its temperatures there."""
+    after, degC = start.turned_in_gaps(record.time_s)
+    number = 1 + np.arange(after.size) - np.searchsorted(after, after)  # of its gap
+    share = number / (1 + np.searchsorted(after, after, side="right") - np.searchsorted(after, after))
+    return record.time_s[after - 1] + share * (record.time_s[after] - record.time_s[after - 1]), degC
+
+
+def _through_gaps(record: Recorded, path: PlatePath, start: FilmStart, time: Array, temperature: Array) -> None:
+    """Write into a plate's temperature what a film goes through in the gaps: straight from one end to the other, by the
+    temperatures at which it turned round."""
+    begin, end = _gaps(record)
+    if not begin.size:
+        return
+    gap, (passed_s, passed_degC) = _gap_of(time, begin, end), _passed(record, start)
+    known_s = np.concatenate((begin, end, passed_s))
+    known = np.concatenate((path.at(np.stack((begin, end))).ravel(), passed_degC))
+    order = np.argsort(known_s, kind="stable")
+    inside = gap >= 0
+    temperature[inside] = np.interp(time[inside], known_s[order], known[order])
+
+
+def _gaps(record: Recorded) -> tuple[Array, Array]:
+    """When the gaps of a record begin and end."""
+    return record.time_s[record.first_rows[1:] - 1], record.time_s[record.first_rows[1:]]
 
 
 def _gap_of(time: Array, begin: Array, end: Array) -> NDArray[np.int64]:

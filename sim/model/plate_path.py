@@ -190,7 +190,7 @@ def behind_thermometer(
     shown, begins = path.plate_degC, nodes.rows[anew]
     if not links.thermometer:
         return np.asarray(shown[nodes.rows], dtype=np.float64)
-    parts, time = spacing.lag_parts, nodes.time_s
+    parts, time = spacing.parts(nodes.time_s), nodes.time_s
     if parts > 1:
         resets = np.zeros(time.size, dtype=np.bool_)
         resets[nodes.rows[record.first_rows]] = True
@@ -208,11 +208,11 @@ def _turning(nodes: Nodes, temperature: Array) -> Array:
     """Return times between the rows at which the temperature turns round: the film remembers them."""
     if nodes.time_s.size == nodes.rows.size:
         return np.empty(0)
-    return nodes.time_s[_turns_between(temperature, nodes.rows)]
+    return nodes.time_s[turns_between(temperature, nodes.rows)]
 
 
 @njit
-def _turns_between(temperature: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def turns_between(temperature: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the nodes besides these, rising ones, at which the temperature turns round; a trial's may be without an
     end."""
     found, count, row = np.empty(temperature.size, dtype=np.int64), 0, 0

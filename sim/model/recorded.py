@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -48,17 +49,22 @@ class Recorded(Protocol):
 @dataclass(frozen=True)
 class Spacing:
     """How close the nodes of a record lie. longest_s: between two nodes of the plate; lag_parts: into how many parts
-    their distance is cut where a thermometer lags; film_parts: into how many that of two rows where the film or the
-    ohmmeter lags (1: at the plate's nodes)."""
+    this distance is cut for a thermometer or film that lags; creep: whether creep follows the film at all nodes of the
+    plate, as a lagging ohmmeter does, or in the rows, as a lag of minutes may."""
 
     longest_s: float
     lag_parts: int
-    film_parts: int
+    creep: bool = False
+
+    def parts(self, time_s: Array) -> int:
+        """Into how many parts the distance of nodes at these times is cut for a lag: nodes that lie close need none."""
+        share = float(np.max(np.diff(time_s), initial=0.0)) / self.longest_s
+        return max(min(math.ceil(share * self.lag_parts - 1e-9), self.lag_parts), 1)
 
 
-COARSE = Spacing(0.5, 8, 2)  # of fits: within a tenth of a usual noise, 1 mK and 2e-4 dec, of FINE
-FINE = Spacing(0.02, 1, 1)  # of simulations: what a lag makes of a plate's curved course is right to 1e-6 K
-EVENTS = Spacing(np.inf, 1, 1)  # rows and commands alone: exact where nothing lags
+COARSE = Spacing(0.5, 8)  # of fits: within a tenth of a usual noise, 1 mK and 2e-4 dec, of FINE
+FINE = Spacing(0.02, 1, creep=True)  # of simulations: what a lag makes of a plate's curved course is right to 1e-6 K
+EVENTS = Spacing(np.inf, 1)  # rows and commands alone: exact where nothing lags
 
 
 def driven_rows(record: Recorded, joined: Sequence[int] | Rows = ()) -> Mask:
