@@ -48,8 +48,6 @@ FILM = FilmModel(
 )
 TIME = np.arange(220) * 0.02
 CURRENT = np.where(TIME < 0.5, 0.0, np.where(TIME < 2.4, 4.0, np.where(TIME < 3.7, -2.0, 2.0)))
-COARSE_TIME = np.arange(0.0, 240.0, 0.5)
-COARSE_CURRENT = 1.4 + 0.5 * np.sign(np.sin(COARSE_TIME / 11.0)) + 0.5 * np.sin(COARSE_TIME / 30.0)
 SIZES = {  # away from thresholds, and multiples of the rows' distance
     "actuator_deadband": {"deadband_A": 0.3},
     "actuator_delay": {"delay_s": 0.4},
@@ -77,12 +75,14 @@ def differences(effects: tuple[Switched, ...]) -> dict[str, tuple[float, float]]
     return {way: (_largest(T - degC), _largest(y - output)) for way, (T, y) in ways.items()}
 
 
-def coarse_differences(effects: tuple[Switched, ...]) -> tuple[float, float]:
-    """RMS difference of the fit's own nodes from fine ones on rows 0.5 s apart, K and decades."""
+def coarse_differences(effects: tuple[Switched, ...], every_s: float) -> tuple[float, float]:
+    """RMS difference of the fit's own nodes from fine ones on rows so far apart, K and decades."""
     run = RecordRun(ChainModel(PLATE, FILM, effects), FINE)
-    record = _record(COARSE_TIME, COARSE_CURRENT)
+    time = np.arange(0.0, 480.0 * every_s, every_s)
+    current = 1.4 + 0.5 * np.sign(np.sin(time / 11.0)) + 0.5 * np.sin(time / 30.0)
+    record = _record(time, current)
     plate = run.plate(record, _own())
-    degC, output = by_the_fit(effects, COARSE_TIME, COARSE_CURRENT)
+    degC, output = by_the_fit(effects, time, current)
     left = output - run.shown(record, plate.path, _own())
     return float(np.sqrt(np.mean((degC - plate.shown_degC) ** 2))), float(np.sqrt(np.mean(left**2)))
 

@@ -58,7 +58,16 @@ def check(effects: tuple[Effect, ...]) -> None:
 def test_every_effect(name: str) -> None:
     effect = next(e for e in every_effect() if e.name == name)
     check((effect,))
-    off_K, off_dec = coarse_differences((on(effect),))
+    off_K, off_dec = coarse_differences((on(effect),), 0.5)
+    assert off_K < 0.1 * NOISE_K
+    assert off_dec < 0.1 * NOISE_DEC
+
+
+@pytest.mark.parametrize("name", ["film_lag", "meter_lag", "creep", "sensor_lag", "timestamp_skew"])
+def test_a_current_that_acts_between_rows_far_apart(name: str) -> None:
+    """A lag that took a straight line from row to row would find another lag, and a skew besides."""
+    late = switched(next(e for e in every_effect() if e.name == "actuator_delay"), [1.3])
+    off_K, off_dec = coarse_differences((late, on(next(e for e in every_effect() if e.name == name))), 5.0)
     assert off_K < 0.1 * NOISE_K
     assert off_dec < 0.1 * NOISE_DEC
 
