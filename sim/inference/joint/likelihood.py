@@ -88,7 +88,8 @@ STEPS: Final = 12  # of a descent: from a near start 4 to 6 are taken
 SIMULATION_STEPS: Final = 30  # of a descent to the simulation's least error, from a point that may be far
 ROUNDS: Final = 3  # of fit and noise in turn
 BESIDE: Final = 10.0  # how far beyond its typical range an effect's size may go in a fit, as a factor
-DAMPING: Final = Damping(1e-3, 0.2, 8.0, 1e-7, 1e-4, 6)
+# a module's numbers are told apart by a thousandth of what each does: more damping creeps along that valley
+DAMPING: Final = Damping(1e-6, 0.2, 8.0, 1e-9, 1e-6, 8)
 ROUNDED: Final = 0.5  # of a noise: a step of readings that is larger is seen in their likelihood
 NEAR: Final = 1.0  # squared deviations from where derivatives were taken: residuals tell no difference within them
 RANGES: Final = 3.0  # deviations of a reading from a threshold within which either range may have been on
