@@ -8,8 +8,9 @@ on one another 30 are clean, 40 hide one effect, 20 two, 15 a cause that no cata
 another kind, about half of these with an effect. About a third come with a second record, held out.
 
 Right: clean, the verdict "clean"; one, two and other_film, exactly the hidden names (one counts, too, where the hidden
-one is in its `indistinguishable_from`; one too faint to see may be missing); outside, no name. A diagnosis that fails
-is wrong. Seconds are of computing, on one thread; `./peltier precompile` first, or the first record pays for it.
+one is in its `indistinguishable_from`; one too faint to see may be missing, or one of whose size a warning says that plate
+or film absorb it); outside, no name. A diagnosis that fails is wrong. Seconds are of computing, on one thread;
+`./peltier precompile` first, or the first record pays for it.
 
 Each finished record is a line of --results; begun again with the same file, the benchmark goes on. The lines are those
 of the program that wrote them: a changed program takes another file.
@@ -19,6 +20,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 import time
 from collections.abc import Sequence
@@ -77,7 +79,7 @@ def verdict_on(kind: str, effects: dict[str, dict[str, float]], invisible: list[
     if kind == "clean":
         right = document["verdict"] == "clean" and not found
     elif effects:
-        order = matched(found, list(effects), invisible)
+        order = matched(found, list(effects), [*invisible, *absorbed(document, effects)])
         right = order is not None
         proxies = {one: name for one, name in zip(order or (), named, strict=False) if one != name}
     sizes = []
@@ -87,6 +89,19 @@ def verdict_on(kind: str, effects: dict[str, dict[str, float]], invisible: list[
             held = bool(interval[0] <= value <= interval[1]) if interval and None not in interval else None
             sizes.append([one["name"], parameter, held])
     return {"verdict": document["verdict"], "named": named, "right": right, "proxies": proxies, "sizes": sizes}
+
+
+def absorbed(document: Row, effects: dict[str, dict[str, float]]) -> list[str]:
+    """Return the hidden effects of which the diagnosis says that one of this size would not show."""
+    told = []
+    for warning in document["warnings"]:
+        name, _, said = warning["text"].partition(" ")
+        if not warning["code"].startswith("absorbed_by") or name not in effects:
+            continue
+        size = re.match(r"with (\w+) (above|below) ([\d.,e+-]+) ", said)
+        if size is None or (effects[name][size[1]] > float(size[3].replace(",", ""))) == (size[2] == "above"):
+            told.append(name)
+    return told
 
 
 def matched(found: Sequence[Row], effects: Sequence[str], invisible: Sequence[str]) -> tuple[str, ...] | None:

@@ -61,13 +61,14 @@ class Candidate:
 class UpperLimit:
     """The largest size of an effect that is not named (95 %). limit: in the parameter's unit, None if the record allows
     any; from_below: the record excludes what is smaller (a leakage's resistance); typical: the typical range of sizes,
-    None where the record's unit is another."""
+    None where the record's unit is another; absorbed: plate or film do nearly the same as an effect of that size."""
 
     name: str
     parameter: str
     limit: float | None
     from_below: bool
     typical: Interval | None
+    absorbed: bool = False
 
     @property
     def allows_all_typical(self) -> bool:

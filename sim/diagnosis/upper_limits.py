@@ -14,6 +14,9 @@ a = b u; the strength that fits best is then b / k^2 (0 if b < 0), and the likel
 the one-sided limit of the profile likelihood (G. Cowan, K. Cranmer, E. Gross, O. Vitells, Eur. Phys. J. C 71 (2011)
 1554, section 3.7), never below the one of a record that speaks neither for nor against the effect: noise that happens
 to speak against an effect makes no instrument better than it is (power constraint, arXiv:1105.3166).
+
+Where a tenth of u95 tells of a much larger one, the change does not grow as the strength does: what follows is curved.
+There everything is fitted again beside an effect of growing strength, until the likelihood has fallen.
 """
 
 from __future__ import annotations
@@ -21,7 +24,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Final
+
+import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.candidates import Directions, Start, possible
@@ -36,23 +42,26 @@ ROUNDS: Final = 12  # from any start to a strength that is its own limit
 SAME: Final = 0.05  # relative change of the strength from which another round is not needed: far below its own meaning
 SAME_AS_NOTHING: Final = 2.0  # times the smallest strength: nothing smaller is looked at
 LONGEST_STEP: Final = 10.0  # factor of one round: what is linear about one strength says little of another
+CURVED: Final = 1.5  # factor by which a tenth of the strength tells another limit where the change is not linear in it
+ABSORBED: Final = 10.0  # times as much is changed by an effect alone as when all else has followed: that does the same
+GROWTH: Final = 2.0  # of the strength from fit to fit: a limit is read to its first digit
 
 
 def upper_limits(fit: Fit, search: Search) -> list[UpperLimit]:
     """Of every effect that the record could show and that the fit does not have, along the chain."""
     have = {e.name for e in fit.effects}
     directions = Directions(fit, fit.metric, fit.at)
-    return [_limit(e, directions) for e in possible(search.effects, fit.joint) if e.name not in have]
+    return [_limit(e, fit, directions) for e in possible(search.effects, fit.joint) if e.name not in have]
 
 
-def _limit(effect: Effect, directions: Directions) -> UpperLimit:
+def _limit(effect: Effect, fit: Fit, directions: Directions) -> UpperLimit:
     """The largest over what the effect has besides its size, and over both signs."""
     place = next(k for k, p in enumerate(effect.parameters) if not p.choices)
     size, from_below = effect.parameters[place], effect.inverse and place == 0
-    limit: float | None = 0.0
     low, high = size.smallest / SMALLER, size.largest * BESIDE
     if from_below:
         low, high = 1.0 / (size.largest * SMALLER), BESIDE / size.smallest
+    found: list[tuple[float, bool]] = []  # limits, and whether something else does the same as an effect of that size
     for made, others in _others(effect, place):
         for sign in (1.0, -1.0) if size.signed else (1.0,):
 
@@ -63,16 +72,41 @@ def _limit(effect: Effect, directions: Directions) -> UpperLimit:
                 return Start(made, (*others[:place], value, *others[place:]))
 
             nothing = directions.change(start(low))  # the chain takes other steps with an effect than without
+            if made is not effect and not np.any(directions.change(start(high)) - nothing):
+                continue  # a threshold that this record does not reach
 
             def of(strength: float, at: Callable[[float], Start] = start, nothing: Array = nothing) -> float:
                 square, along = directions.along([at(strength)], nothing)
                 return _linear(float(square[0]), float(along[0]), strength)
 
             allowed = _allowed(of, low, high)
-            limit = None if allowed is None or limit is None else max(limit, allowed)
-    if limit is not None and from_below:
-        limit = 1.0 / limit
-    return UpperLimit(effect.name, size.name, limit, from_below, (size.smallest, size.largest))
+            if allowed < high and of(allowed / LONGEST_STEP) > CURVED * allowed:
+                allowed = _fitted(fit, start, allowed, high)
+            change = directions.change(start(min(allowed * (1.0 - SAME), high))) - nothing
+            alone = np.linalg.norm(directions.joint.whitened(directions.at, directions.metric, change[:, None]))
+            found.append((allowed, made is effect and bool(alone > ABSORBED * ONE_SIDED_95)))
+    strength, absorbed = max(found, default=(math.inf, False))
+    limit = None if strength == math.inf else 1.0 / strength if from_below else strength
+    return UpperLimit(effect.name, size.name, limit, from_below, (size.smallest, size.largest), absorbed)
+
+
+def _fitted(fit: Fit, start: Callable[[float], Start], strength: float, high: float) -> float:
+    """The strength from which a fit of everything else beside the effect is unlikely; infinite: none is."""
+    x, joint = fit.at.x, fit.joint
+    while strength < high:
+        tried = start(strength)
+        values = dict(zip((p.name for p in tried.effect.parameters), tried.values, strict=True))
+        beside = joint.having((*fit.effects, pinned(tried.effect, values)))
+        x = beside.from_other(joint, x)
+        if tried.effect.before_film:  # a film that is off by kelvins would keep the plate where it is
+            alone, metric = beside.thermometer_alone(), replace(fit.metric, output=None)
+            plate = alone.descend(alone.solve(alone.from_other(beside, x), metric), metric)
+            x = beside.with_thermal(x, alone, plate.x)
+        at = beside.descend(beside.solve(x, fit.metric, fit.at.known_own), fit.metric)
+        if at.cost - fit.at.cost > 0.5 * ONE_SIDED_95**2:
+            return strength
+        x, joint, strength = at.x, beside, GROWTH * strength
+    return math.inf
 
 
 def _others(effect: Effect, place: int) -> Iterator[tuple[Effect, tuple[float, ...]]]:
@@ -94,8 +128,8 @@ def _linear(square: float, b: float, strength: float) -> float:
     return strength * (max(b, 0.0) / square + ONE_SIDED_95 / math.sqrt(square))
 
 
-def _allowed(limit_at: Callable[[float], float], low: float, high: float) -> float | None:
-    """The largest strength between two that the record allows; None: any. limit_at: what one strength says of the
+def _allowed(limit_at: Callable[[float], float], low: float, high: float) -> float:
+    """The largest strength between two that the record allows; infinite: any. limit_at: what one strength says of the
     limit: it is allowed if it lies below that, else excluded."""
     strength, allowed, excluded = math.sqrt(low * high), low, math.inf
     for _ in range(ROUNDS):
@@ -104,7 +138,7 @@ def _allowed(limit_at: Callable[[float], float], low: float, high: float) -> flo
             return strength
         if wanted > strength:
             if strength >= high:
-                return None
+                return math.inf
             allowed = max(allowed, strength)
         else:
             if strength <= SAME_AS_NOTHING * low:
@@ -115,4 +149,4 @@ def _allowed(limit_at: Callable[[float], float], low: float, high: float) -> flo
         strength = min(max(wanted, strength / LONGEST_STEP, SAME_AS_NOTHING * low), strength * LONGEST_STEP, high)
         if not allowed < strength < excluded:
             strength = math.sqrt(allowed * excluded) if excluded < math.inf else high
-    return excluded if excluded < math.inf else None
+    return excluded

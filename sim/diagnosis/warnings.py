@@ -7,7 +7,7 @@ from typing import Final
 
 from sim.diagnosis.result import Caution, UpperLimit, rough
 from sim.diagnosis.row_warnings import row_warnings
-from sim.effects.effect import Effect, at_the_terminals
+from sim.effects.effect import Effect
 from sim.inference.joint.likelihood import Fit
 from sim.inference.record.record import Record
 
@@ -42,23 +42,23 @@ def warnings_of(
         )
         found.append(Caution("film_not_described", text))
     else:
-        found += [_absorbed(limit) for limit in limits if _hidden(limit, known)]
+        found += [_absorbed(limit, known) for limit in limits if _hidden(limit)]
     return [*found, *_alike_lags(fit), *_coloured_noise(record, fit)]
 
 
-def _hidden(limit: UpperLimit, known: Mapping[str, Effect]) -> bool:
-    """Return True if the film's own shape can stand in for a medium-sized effect of the ohmmeter."""
-    if limit.typical is None or not at_the_terminals(known[limit.name]):
+def _hidden(limit: UpperLimit) -> bool:
+    """Return True if plate or film can stand in for an effect of medium size."""
+    if limit.typical is None or not limit.absorbed:
         return False
     middle = (limit.typical[0] * limit.typical[1]) ** 0.5
     return limit.limit is None or (limit.limit < middle if limit.from_below else limit.limit > middle)
 
 
-def _absorbed(limit: UpperLimit) -> Caution:
+def _absorbed(limit: UpperLimit, known: Mapping[str, Effect]) -> Caution:
     side = "above" if limit.from_below else "below"
     size = "of any typical size" if limit.limit is None else f"with {limit.parameter} {side} {rough(limit.limit)}"
-    text = f"{limit.name} {size} would not show: the fitted film absorbs it"
-    return Caution("absorbed_by_the_film", text)
+    by = "plate" if known[limit.name].before_film else "film"
+    return Caution(f"absorbed_by_the_{by}", f"{limit.name} {size} would not show: the fitted {by} absorbs it")
 
 
 def _constant_columns(record: Record) -> list[Caution]:

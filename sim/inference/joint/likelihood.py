@@ -273,15 +273,14 @@ class Fit:
         noise = channel.noise
         if not joint.driven or channel.of_instrument or noise.slow <= noise.white:
             return self
-        thermal = Joint(joint.record, [e for e in self.effects if e.before_film], None, joint.kind, slopes=joint.slopes)
+        thermal = joint.thermometer_alone()
         lasts = 1.0 + noise.tau_s / channel.readings.step_s()
         driven = driven_rows(joint.record, joint.record.joined)[joint.rows_K]
         variance = np.where(driven, 1.0 + noise.ratio * lasts, 1.0)
         white = ChannelNoise(Noise(noise.white), replace(channel.readings, variance=variance))
         metric = Metric(white, None)
         at = thermal.descend(thermal.solve(thermal.from_other(joint, self.at.x), metric), metric, SIMULATION_STEPS)
-        x = self.at.x.copy()
-        x[[joint.place[name] for name in thermal.names]] = at.x
+        x = joint.with_thermal(self.at.x, thermal, at.x)
         metric = joint.noise(joint.solve(x, self.metric, self.at.known_own), self.metric)
         again = joint.solve(x, metric, self.at.known_own)
         return Fit(joint, again, metric, joint.log_likelihood(again, metric), self.most)
@@ -347,6 +346,17 @@ class Joint:
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]
         return other
+
+    def thermometer_alone(self) -> Joint:
+        """The likelihood of the thermometer's readings alone, with the effects that they tell of."""
+        effects = [e for e in self.effects if e.before_film]
+        return Joint(self.record, effects, None, self.kind, slopes=self.slopes)
+
+    def with_thermal(self, x: Array, thermal: Joint, found: Array) -> Array:
+        """The parameters with those that were found from the thermometer alone."""
+        x = x.copy()
+        x[[self.place[name] for name in thermal.names]] = found
+        return x
 
     @property
     def module(self) -> Module:

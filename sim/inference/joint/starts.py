@@ -254,11 +254,9 @@ def with_plate_anew(fit: Fit) -> Fit:
     """The fit with its plate begun anew from all starts, where that is likelier: a large discrepancy stands in for
     parameters that are off, and keeps them there."""
     joint, metric = fit.joint, fit.metric
-    thermal = Joint(joint.record, [e for e in fit.effects if e.before_film], None, joint.kind, slopes=joint.slopes)
+    thermal = joint.thermometer_alone()
     plate = module_fit(thermal, start=thermal.from_other(joint, fit.at.x))
-    x = joint.from_other(thermal, plate.at.x)
-    kept = [k for k, name in enumerate(joint.names) if name not in thermal.place]
-    x[kept] = fit.at.x[kept]
+    x = joint.with_thermal(fit.at.x, thermal, plate.at.x)
     most = min(fit.most[0], plate.most[0]), fit.most[1]
     again = joint.fit(x, metric.of(plate.metric.temperature, metric.output), fit.at.known_own, most=most)
     return max(fit, again, key=lambda f: f.log_likelihood)
