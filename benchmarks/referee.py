@@ -8,8 +8,8 @@ on one another 30 are clean, 40 hide one effect, 20 two, 15 a cause that no cata
 another kind, about half of these with an effect. About a third come with a second record, held out.
 
 Right: clean, the verdict "clean"; one, two and other_film, exactly the hidden names (one counts, too, where the hidden
-one is in its `indistinguishable_from`; one too faint to see may be missing, or one of whose size a warning says that plate
-or film absorb it); outside, no name. A diagnosis that fails is wrong. Seconds are of computing, on one thread;
+one is in its `indistinguishable_from`; one too faint to see may be missing, and one that plate or film absorb, if a
+warning says so); outside, no name. A diagnosis that fails is wrong. Seconds are of computing, on one thread;
 `./peltier precompile` first, or the first record pays for it.
 
 Each finished record is a line of --results; begun again with the same file, the benchmark goes on. The lines are those
