@@ -19,13 +19,14 @@ from scipy.linalg import cho_factor, cho_solve
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Reading, pinned
 from sim.inference.joint.channel_noise import Metric
-from sim.inference.joint.likelihood import Fit, Joint, Point
+from sim.inference.joint.likelihood import BESIDE, Fit, Joint, Point
 
 SIZES: Final = 4  # starting sizes of a parameter, over its typical range
 SIZES_OF_SEVERAL: Final = 3  # the same of each parameter where there are several
 RIDGE: Final = 1e-9  # relative: of what the record does not determine
 LEAST: Final = 1e-6  # of a whitened change's square: rounding
 MOST_SCALED: Final = 3.0  # factor by which a promising size may be moved at once
+AT_END: Final = 0.01  # of the range of a fit: so close to its end a size would go on
 SMALLEST_SHARE: Final = 0.5  # of the smallest typical size, below which an effect has no physical meaning
 
 
@@ -161,10 +162,15 @@ def scores(fit: Fit, effects: Sequence[Effect], metric: Metric, at: Point) -> li
 
 
 def is_sizeable(effect: Effect, values: Sequence[float]) -> bool:
-    """Return False if a fitted size is below any physical meaning: half of the smallest that real rigs have."""
+    """Return False if a fitted size has no physical meaning: below half of the smallest that real rigs have, or at an
+    end of what a fit may make of it, where the effect stands in for something else."""
     for k, (p, value) in enumerate(zip(effect.parameters, values, strict=True)):
         if len(p.choices) == 1:
             continue
+        if not p.signed and not p.smallest < value * BESIDE * (1.0 - AT_END) < p.largest * BESIDE**2 * (
+            1.0 - 2 * AT_END
+        ):
+            return False
         if effect.inverse and value > p.largest / SMALLEST_SHARE:
             return False
         if not effect.inverse and k == 0 and abs(value) < SMALLEST_SHARE * p.smallest:

@@ -12,7 +12,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.candidates import Start, is_sizeable, possible, scores, starts
 from sim.diagnosis.intervals import LESS_LIKELY, Jumps
-from sim.effects.effect import Effect, jumps
+from sim.effects.effect import Effect, at_the_terminals, jumps
 from sim.inference.evidence import FALSE_ALARM, price
 from sim.inference.joint.channel_noise import ChannelNoise, Metric
 from sim.inference.joint.films import PIFilm
@@ -41,6 +41,7 @@ BEHIND: Final = 0.5  # share of the best gain, below which a first fit is not fi
 PROMISING: Final = 0.2  # share of its price that a score must promise: far from its size it is 3 to 5 times short
 MOST_EFFECTS: Final = 5  # more cannot be told apart in one record
 PARTS: Final = ((50, 4), (100, 8))  # of the plane of a film in domains: as many as a few seconds can compute
+IMITATED: Final = 0.02  # of what leads or a shunt do alone: 2 % of log R is the least by which films add up otherwise
 LEFT_SHARE: Final = 0.35  # of the white noise: a smaller discrepancy is the fit's own discretization
 
 
@@ -248,6 +249,9 @@ class Search:
         found = self.add(fit)
         if found is None or self.gain(found, fit) <= self.cost_of(found, found.effects[-1:]):
             return None
+        if is_imitated(found, fit):
+            self.say(f"{found.effects[-1].name} is no news: the film may do nearly the same")
+            return None
         left = left_over(found)
         if "temperature" in left and found.effects[-1].before_film:
             found = with_plate_anew(found)
@@ -351,10 +355,26 @@ class Search:
 
     def exchange(self, fit: Fit, other: Fit | None) -> Fit:
         """The better of two fits."""
-        if other is None or self.value(other) <= self.value(fit) + 1.0:
+        if other is None or self.value(other) + self.cost_of(other, other.effects) <= self.value(fit) + 1.0:
+            return fit
+        other = self.pruned(other)  # one effect may do what two did
+        if self.value(other) <= self.value(fit) + 1.0:
             return fit
         self.say(f"effects after an exchange: {named(other)}")
         return other
+
+
+def is_imitated(more: Fit, fit: Fit) -> bool:
+    """Return True for leads or a shunt of which a film that is not of the class does all but a small part: how the
+    parts of such a film add up, in log R, R or 1/R, is not known, and they bend the readings likewise."""
+    joint, effect = fit.joint, more.effects[-1]
+    if isinstance(joint.film, PIFilm) or not at_the_terminals(effect):
+        return False
+    having = joint.having((*joint.effects, effect))
+    x = having.with_effect(having.from_other(joint, fit.at.x), effect, list(more.values()[effect.name].values()))
+    change = joint.change(fit.at, fit.metric, x, False, having)[joint.rows_K.size :]
+    alone = float(np.linalg.norm(change)) / more.metric.channels[1].noise.white
+    return math.sqrt(2.0 * max(more.log_likelihood - fit.log_likelihood, 0.0)) < IMITATED * alone
 
 
 def left_over(fit: Fit) -> dict[str, float]:

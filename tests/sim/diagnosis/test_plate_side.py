@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -114,15 +115,13 @@ def test_a_record_may_begin_while_the_rig_runs() -> None:
     assert resting_K(40.0) > 15.0
 
 
-@pytest.mark.parametrize(("limit", "expected"), [(0.3, 0.3), (0.0, 2e-4), (float("inf"), None)])
-def test_a_limit_is_the_strength_that_is_its_own(limit: float, expected: float | None) -> None:
+@pytest.mark.parametrize(("limit", "expected"), [(0.3, 0.3), (0.0, 2e-4), (math.inf, math.inf)])
+def test_a_limit_is_the_strength_that_is_its_own(limit: float, expected: float) -> None:
     """Else "no lag above" is read off a size far from it, where the effect is another."""
-    allowed = _allowed(lambda strength: limit, 1e-4, 100.0)
-    assert allowed is None if expected is None else allowed == pytest.approx(expected, rel=0.06)
+    assert _allowed(lambda strength: limit, 1e-4, 100.0) == pytest.approx(expected, rel=0.06)
 
 
 def test_what_jumps_has_a_limit_at_the_jump() -> None:
     """Else a dead band below the smallest command is excluded, which changes nothing."""
-    allowed = _allowed(lambda strength: 0.0 if strength > 0.07 else float("inf"), 1e-4, 3.0)
-    assert allowed is not None
+    allowed = _allowed(lambda strength: 0.0 if strength > 0.07 else math.inf, 1e-4, 3.0)
     assert 0.07 < allowed < 0.07 * 1.06
