@@ -144,7 +144,7 @@ class Search:
         joint = fit.joint.having((*fit.effects, start.effect))
         x = joint.with_effect(joint.from_other(fit.joint, fit.at.x), start.effect, start.values)
         first = joint.fit(x, metric, fit.at.known_own, rounds=1, most=fit.most, steps=FIRST_STEPS, settled=1.0)
-        return self.at_best_jump(first)
+        return self.at_best_jump(first, first.effects[-1:])
 
     def finished(self, first: Fit) -> Fit | None:
         """The fit of a set to its end; None where the last effect's size has no physical meaning."""
@@ -157,14 +157,15 @@ class Search:
             tight = found.metric.tight()
             again = first.joint.fit(found.at.x, tight, found.at.known_own, most=first.most)
             found = max(found, again, key=lambda f: f.log_likelihood)
-        found = self.at_best_jump(found)
+        found = self.at_best_jump(found, found.effects)
         values = found.values()[found.effects[-1].name]
         return self.keep(found) if is_sizeable(found.effects[-1], list(values.values())) else None
 
     @staticmethod
-    def at_best_jump(fit: Fit) -> Fit:
-        """The fit with parameters at whose values the outcome jumps searched for: no descent finds them."""
-        for effect in [e for e in fit.effects if jumps(e)]:
+    def at_best_jump(fit: Fit, effects: Sequence[Effect]) -> Fit:
+        """The fit with those parameters of some effects at whose values the outcome jumps searched for: no descent
+        finds them."""
+        for effect in [e for e in effects if jumps(e)]:
             for _ in range(TURNS):
                 x = Jumps(fit, effect).likeliest()
                 again = fit.joint.fit(x, fit.metric, fit.at.known_own, rounds=1, most=fit.most)
