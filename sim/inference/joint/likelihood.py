@@ -666,17 +666,18 @@ class Joint:
         if firsts.start < firsts.stop:  # one simulation moves them all: each acts on its own stretch
             x = at.x.copy()
             x[firsts] += STEP_K
-            change = (self.simulate(x, metric).shown_degC - at.run.shown_degC)[self.rows_K] / STEP_K
-            stretch = np.searchsorted(self.record.first_rows, self.rows_K, side="right") - 1
+            change = self.change(at, metric, x, True) / STEP_K
+            rows = np.concatenate((self.rows_K, self.rows_dec))
+            stretch = np.searchsorted(self.record.first_rows, rows, side="right") - 1
             out[:, firsts] = np.where(stretch[:, None] == np.arange(self.first_degC.size), change[:, None], 0.0)
         out[:, ~np.all(np.isfinite(out), axis=0)] = 0.0  # what cannot be simulated a step away stays where it is
         return out
 
     @cached_property
     def _firsts_alone(self) -> slice:
-        """The places of the stretches' first temperatures, where nothing but the plate's own heat goes from one stretch
-        on to the next; else none."""
-        if self.film is not None or any(effect.link == "plate" for effect in self.effects) or not self.driven:
+        """The places of the stretches' first temperatures, where next to nothing goes from one stretch on to the next:
+        what a film remembers hardly differs, and a sink does; then none."""
+        if any(effect.link == "plate" for effect in self.effects) or not self.driven:
             return slice(0, 0)
         first = self.place["first_degC.0"]
         return slice(first, first + self.first_degC.size)
