@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.special import chdtrc
 
-from compensator.hysteresis.functions import Array
+from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.intervals import intervals, is_vague
 from sim.diagnosis.next_experiment import next_experiments
 from sim.diagnosis.plate_numbers import plate_numbers
@@ -28,6 +28,7 @@ from sim.inference.record.lattice import step_error
 from sim.inference.record.record import Mask, Record
 
 CLOSE: Final = math.log(20.0)  # log-likelihood: a set that is this close is as likely, but for odds of 20
+MOST_UNLOGGED: Final = 2.0  # times what unlogged currents make: their mean part of a row is known no better
 CLEAN_RECORDS: Final = 300  # no smaller rate than one of so many is stated: what no noise model knows of bounds it
 MOST_CANDIDATES: Final = 3  # sets that are shown: more are not read
 LEAST_GAIN: Final = 0.02  # of an error, below which a set that is not named is no news
@@ -55,9 +56,8 @@ def judged(
     all_sizes = intervals(fit, errors)
     vague = [name for name in less if _is_vague(all_sizes[name])]
     left = left_over(fit)
-    if record.early > 0.0:
-        # a current that changed between the rows is in none of them, and its heat is no residual structure
-        left.pop("temperature", None)
+    if record.early > 0.0 and fit.metric.temperature.noise.slow < MOST_UNLOGGED * unlogged_K(fit):
+        left.pop("temperature", None)  # currents that no row has make as much of it
     say("computing errors in held-out rows")
     before, after = errors_in(base, record.held_out), errors_in(fit, record.held_out)
     rest = {name: errors_in(one, record.held_out) for name, one in less.items() if not over()}
@@ -129,6 +129,21 @@ def judged(
         less,
         search,
     )
+
+
+def unlogged_K(fit: Fit) -> float:
+    """Return what currents that changed between the rows, at times that no row has, make of a plate's temperature, rms:
+    each change is heat for a part of a row that is known to within 1 / sqrt(12), and is forgotten with the plate's own
+    time."""
+    record, numbers = fit.joint.record, fit.joint.plate_numbers(fit.at.x)
+    assert record.current_A is not None
+    pump, resistance, conductance, drive = numbers[:4]
+    kelvin = float(np.mean(fit.joint.degC)) + KELVIN
+    step_s, current_A = np.diff(record.time_s), record.current_A
+    heat_K = (
+        (pump * kelvin + resistance * np.abs(current_A[1:]) + drive) * np.diff(current_A) * step_s / math.sqrt(12.0)
+    )
+    return float(np.sqrt(np.mean(heat_K**2) / (1.0 - math.exp(-2.0 * conductance * float(np.median(step_s))))))
 
 
 class _Units:
