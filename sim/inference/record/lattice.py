@@ -34,6 +34,8 @@ def lattice_step(values: Array) -> float:
     if not gaps.size:
         return 0.0
     step = float(np.median(gaps[gaps < 1.5 * np.min(gaps)]))
+    if (1.0 + OFF) * step < SMALLEST_K:
+        return 0.0
     # a file's last digit hides the step between neighbours, not over the whole range
     some = distinct[:: 1 + distinct.size // ENOUGH] - distinct[0]
     turns = np.linspace(1.0 - OFF, 1.0 + OFF, 3 + round(IN_A_TURN * 2.0 * OFF * float(some[-1]) / step)) / step
