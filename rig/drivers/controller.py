@@ -10,7 +10,9 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite, isnan, nan
+from math import isfinite, isnan, nan
+from struct import Struct
+from struct import error as StructError
 from typing import Any, ClassVar
 
 from rig.core.clock import Clock
@@ -24,6 +26,8 @@ STATUS_S = 0.3  # a status that changes one control step (0.1 to 0.3 s) after th
 STARTED_S = 0.5  # the same when the output is switched on: until a status says "running"
 LOOK_S = 0.02  # between two looks at a status
 OF_FULL_DRIVE = "of full drive"
+LARGEST = 1e6  # A and degC that may be a limit, as in a configuration: every instrument's numbers hold more
+COLDEST_DEGC = -273.15
 CURRENTS, SETPOINTS = "currents", "setpoints"  # for which an output can be armed
 
 
@@ -96,7 +100,7 @@ class TemperatureController:
 
     NAME: str = "this controller"
     LINE: ClassVar[LineSettings]
-    LARGEST_CURRENT: ClassVar[float] = inf
+    LARGEST_CURRENT: ClassVar[float] = LARGEST
     drive_unit: ClassVar[str] = "A"
     cools: ClassVar[bool] = True
     commands_current: ClassVar[bool] = False
@@ -228,12 +232,13 @@ class TemperatureController:
     def _check_limits(self, current_limit_A: float, limits_degC: tuple[float, float]) -> None:
         """Raise ValueError for limits that cannot be configured."""
         low_degC, high_degC = limits_degC
-        if not (isfinite(current_limit_A) and 0.0 < current_limit_A <= self.LARGEST_CURRENT):
+        if not 0.0 < current_limit_A <= self.LARGEST_CURRENT:
             unit = "A" if self.drive_unit == "A" else "as a share of full drive"
-            most = f" and at most {self.LARGEST_CURRENT:g}" if isfinite(self.LARGEST_CURRENT) else ""
-            raise ValueError(f"current limit {current_limit_A:g}: expected more than 0{most} {unit} for {self.NAME}")
-        if not (isfinite(low_degC) and isfinite(high_degC) and low_degC < high_degC):
-            raise ValueError(f"temperature limits {low_degC}, {high_degC} degC: two rising numbers are expected")
+            expected = f"expected more than 0 and at most {self.LARGEST_CURRENT:g} {unit} for {self.NAME}"
+            raise ValueError(f"current limit {current_limit_A:g}: {expected}")
+        if not COLDEST_DEGC <= low_degC < high_degC <= LARGEST:
+            expected = f"two rising numbers are expected, {COLDEST_DEGC:g} to {LARGEST:g}"
+            raise ValueError(f"temperature limits {low_degC:g}, {high_degC:g} degC: {expected}")
 
     def _check_current(self, current_A: float) -> None:
         """Raise ValueError for a current or drive outside the configured limit; Refused before there is one."""
@@ -286,6 +291,16 @@ def drive_unit(controller: object) -> str:
 def cools(controller: object) -> bool:
     """Return True if the controller takes a drive below 0."""
     return bool(getattr(controller, "cools", True))
+
+
+def packed(value: float, form: Struct, what: str) -> bytes:
+    """Return a number as the bytes of a frame. ValueError for one that does not fit, nan and infinity among them."""
+    try:
+        if isfinite(value):
+            return form.pack(value)
+    except (StructError, OverflowError):
+        pass
+    raise ValueError(f"{what}: {value!r}: expected a number that the instrument's {8 * form.size} bits can hold")
 
 
 def check_gains(**gains: tuple[float | None, float, float]) -> None:

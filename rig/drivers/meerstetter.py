@@ -35,6 +35,7 @@ from rig.drivers.controller import (
     TemperatureController,
     check_gains,
     confirmed_off,
+    packed,
     wait_until,
     wait_until_on,
 )
@@ -118,7 +119,7 @@ class MecomLink:
 
     def shout_int(self, parameter: int, value: int) -> None:
         """Set an INT32 parameter at once, and wait for no acknowledgement."""
-        self.shout(b"VS%04X%b%08X" % (parameter, self.instance, value & 0xFFFFFFFF))
+        self.shout(self._setting(parameter, _int32, value))
 
     def query(self, payload: bytes, trials: int = TRIALS) -> bytes:
         """Return the data that answer `payload`. TimedOut, Corrupt (all trials garbled), Refused, Disconnected."""
@@ -140,12 +141,16 @@ class MecomLink:
 
     def write_float(self, parameter: int, value: float, trials: int = TRIALS) -> None:
         """Set a FLOAT32 parameter."""
-        text = _float32.pack(value).hex().upper()
-        self._exchange(b"VS%04X%b%b" % (parameter, self.instance, text.encode()), True, trials)
+        self._exchange(self._setting(parameter, _float32, value), True, trials)
 
     def write_int(self, parameter: int, value: int, trials: int = TRIALS) -> None:
         """Set an INT32 parameter."""
-        self._exchange(b"VS%04X%b%08X" % (parameter, self.instance, value & 0xFFFFFFFF), True, trials)
+        self._exchange(self._setting(parameter, _int32, value), True, trials)
+
+    def _setting(self, parameter: int, form: struct.Struct, value: float) -> bytes:
+        """Return the payload that sets a parameter. ValueError for a value that does not fit."""
+        number = packed(value, form, f"parameter {parameter}").hex().upper().encode()
+        return b"VS%04X%b%b" % (parameter, self.instance, number)
 
     def _read(self, parameter: int, trials: int) -> bytes:
         payload = self._read_payloads.get(parameter)
@@ -379,7 +384,7 @@ class MeerstetterController(TemperatureController):
 
     def set_ramp_K_per_s(self, ramp_K_per_s: float) -> None:
         """Set 3003, read back; 0 for none."""
-        if not (isfinite(ramp_K_per_s) and ramp_K_per_s >= 0.0):
+        if not ramp_K_per_s >= 0.0:
             raise ValueError(f"ramp {ramp_K_per_s} K/s: 0 (none) or a positive number is expected")
         self._set_float(3003, ramp_K_per_s)
 

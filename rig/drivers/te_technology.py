@@ -36,6 +36,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import nan
+from struct import Struct
 from typing import Any, ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
@@ -49,6 +50,7 @@ from rig.drivers.controller import (
     TemperatureController,
     check_gains,
     confirmed_off,
+    packed,
     wait_for_status,
     wait_until_on,
 )
@@ -59,6 +61,7 @@ from rig.ports.transport import Transport
 REQUESTS = 3  # trials of a request that the instrument could not read
 SHOUTS, SHOUT_S = 4, 0.015  # how often, and how far apart at least
 DIGITS = frozenset(b"0123456789abcdef")
+FIELDS = {4: Struct(">h"), 8: Struct(">i")}  # numbers by their digits
 LONGEST_PAUSE_S = 60.0  # of silence on a line; the slowest of these controllers needs 2.5 s
 TRIALS = 3  # of a temperature
 GAIN_UNITS = 100  # of a repeat per minute, and of a minute
@@ -290,11 +293,10 @@ class TeLink(SteppedLink):
         raise Corrupt(f"{line!r} is no reply")
 
     def _frame(self, code: bytes, value: int | None) -> bytes:
-        digits = self._model.digits
         if value is None:
-            data = b"0" * digits if self._model.has_address else b""
+            data = b"0" * self._model.digits if self._model.has_address else b""
         else:
-            data = b"%0*x" % (digits, value & ((1 << 4 * digits) - 1))
+            data = packed(value, FIELDS[self._model.digits], f"code {code.decode()}").hex().encode()
         body = self._address + code + data
         return b"*%b%02x\r" % (body, sum(body) & 0xFF)
 

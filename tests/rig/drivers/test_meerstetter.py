@@ -155,6 +155,20 @@ def link(attach: Attach, clock: VirtualClock, instrument: Instrument, request: b
     return MecomLink(Transport(port, clock), address=address, first_token=number - 1)
 
 
+@pytest.mark.parametrize("value", [1e39, float("inf"), float("nan"), 1 << 31])
+def test_a_number_that_does_not_fit_is_one_clear_error_and_nothing_is_sent(
+    attach: Attach, clock: VirtualClock, value: float
+) -> None:
+    """Cut to 32 bits a setting would be another one, and the caller would hear of it from the read-back at best."""
+    far_end = Conversation([])
+    mecom = link(attach, clock, far_end)
+    settings = [mecom.write_int, mecom.shout_int] + [mecom.write_float] * isinstance(value, float)
+    for set_to in settings:
+        with pytest.raises(ValueError, match=r"parameter 3003: .*expected a number that .* 32 bits"):
+            set_to(3003, value)  # type: ignore[arg-type]
+    far_end.assert_over()
+
+
 def conversed(attach: Attach, clock: VirtualClock, request: bytes, replies: list[bytes], call: Call) -> object:
     """What a link makes of some replies to one request; an error's class if it raises one."""
     conversation = Conversation([(request, reply) for reply in replies])

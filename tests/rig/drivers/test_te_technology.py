@@ -295,6 +295,14 @@ def test_link_of_the_other_model(attach: Attach, clock: VirtualClock) -> None:
     conversation.assert_over()
 
 
+def test_a_number_that_does_not_fit_is_one_clear_error(attach: Attach, clock: VirtualClock) -> None:
+    """Cut to 16 bits, a setpoint of 6553.6 degC is one of 0 degC."""
+    te, conversation = link(attach, clock, [(b"*0060\r", summed(b"258d"))], model=TABLES["tc-48-20"])
+    with pytest.raises(ValueError, match=r"code 1c: 65536: expected a number that .* 16 bits"):
+        te.sequence((b"1c", 65536))
+    conversation.assert_over()
+
+
 REFUSED = (READ, COULD_NOT_READ)
 
 
