@@ -22,7 +22,7 @@ from rig.core.clock import Clock
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import ResistanceMeter
 from rig.guard.pipe import Guard
-from rig.safety.switching_off import confirmed_by
+from rig.safety.switching_off import command_off, confirmed_by
 
 PATIENCE_S = 5.0  # for the exchange under way; longer than any write or read time-out
 # allowed while the lock is closed: switching off, to its verdict; and the answer of a meter that was asked before
@@ -86,7 +86,7 @@ class OutputLock:
             try:
                 if self._controller is not None:
                     off = self._since(closed) if first else None  # of a job that had the lock before
-                    confirmed = self._controller.off() if off is None else off
+                    confirmed = command_off(self._controller)[0] if off is None else off
                     self._off = closed, confirmed
                     evidence = confirmed_by(self._controller) if confirmed else None
             finally:
@@ -118,7 +118,7 @@ class OutputLock:
                 return by.off_confirmed
             off = self._since(self.closed)
             if off is None:
-                off = controller.off()
+                off, _ = command_off(controller)
                 if self.closed is not None:
                     self._off = self.closed, off
             return off

@@ -27,7 +27,7 @@ from rig.daemon.systemd import Notifier, SignalStopWithNotice
 from rig.drivers.controller import TemperatureController, drive_unit
 from rig.guard.pipe import UNGUARDED, Guard, add_guard_death
 from rig.safety.signals import SignalStop
-from rig.safety.switching_off import BY_ITS_DEAD_MAN, MARGIN_S, confirmed_by, looks_off
+from rig.safety.switching_off import BY_ITS_DEAD_MAN, MARGIN_S, command_off, confirmed_by, looks_off
 
 TRY_AGAIN_S = 3.0  # between attempts to open the ports
 SILENT_TICKS = 5  # without any answer, before the ports are opened again
@@ -305,7 +305,7 @@ class _IdleLoop:
             except InstrumentError:
                 return
             commands.note("the output was on although nothing ran: not by this program; it is being switched off")
-        confirmed = self._off_by_silence() or self._controller.off()
+        confirmed = self._off_by_silence() or command_off(self._controller)[0]
         self._look_s = None
         if not confirmed and self._dead_man_s > 0.0:
             self._look_s = self._bench.clock.now_s() + self._dead_man_s + MARGIN_S

@@ -80,14 +80,21 @@ def why_not_confirmed_off(folder: str | None) -> str | None:
 
 
 def end_of_last_run(folder: str, within_s: float) -> tuple[bool, str] | None:
-    """Return whether the output is confirmed off by the newest run in a job's folder, and the text of its end.
+    """Return whether the output is confirmed off by the last run in a job's folder, and the text of its end.
 
-    Waits for an entry, by the run or by the guard; None if there is none in time.
+    Waits until every run has an entry, by itself or by the guard; None if one has none in time. The time of day may
+    have jumped between two runs, so that "last" alone would be a guess: an output that is not confirmed off comes first.
     """
     until_s = time.monotonic() + within_s
     while True:
-        last = max(_runs(folder), key=lambda run: str(run.get("start", {}).get("at", "")), default={})
-        if isinstance(stop := last.get("stop"), dict):
+        runs = list(_runs(folder))
+        ends = [
+            (not stop.get("output_off_confirmed"), str(run.get("start", {}).get("at", "")), stop)
+            for run in runs
+            if isinstance(stop := run.get("stop"), dict)
+        ]
+        if runs and len(ends) == len(runs):
+            *_, stop = max(ends, key=lambda end: end[:2])
             text, confirmed = stop.get("text") or stop.get("reason"), bool(stop.get("output_off_confirmed"))
             if stop.get("reason") == DIED:
                 return confirmed, f"its guard: {text}"

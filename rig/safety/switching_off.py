@@ -76,6 +76,17 @@ def off_confirmed(controller: Any, when: str = "") -> str:
     return f"output off, confirmed by the controller{when} ({confirmed_by(controller)})"
 
 
+def command_off(controller: TemperatureController) -> tuple[bool, str]:
+    """Command off; return (True if that is confirmed, why not). Raises nothing but the exception of a signal: a
+    user-defined driver may do anything."""
+    try:
+        return (True, "") if controller.off() else (False, NOT_CONFIRMED)
+    except Stopped:  # a signal: the end of the run switches off again
+        raise
+    except Exception as error:
+        return False, f"{NOT_CONFIRMED} ({_of(controller, error)})"
+
+
 def switch_off(
     controller: TemperatureController, dead_man_s: float | None = None, alive: Callable[[], None] = _nothing
 ) -> Verdict:
@@ -83,13 +94,7 @@ def switch_off(
 
     dead_man_s: of the controller; by default the configured one. alive: called twice a second during the silence.
     """
-    confirmed, why = False, NOT_CONFIRMED
-    try:
-        confirmed = controller.off()
-    except Stopped:  # a signal: the end of the run switches off again
-        raise
-    except Exception as error:  # a driver of the user's own may do anything
-        why = f"{NOT_CONFIRMED} ({_of(controller, error)})"
+    confirmed, why = command_off(controller)
     said_s = controller.transport.clock.now_s()
     if confirmed:
         return Verdict(True, "", said_s)

@@ -12,7 +12,7 @@ import pytest
 
 from rig.daemon import handover
 from rig.daemon.client import NoDaemon
-from rig.guard.stale_run import DIED, write_end
+from rig.guard.stale_run import DIED, end_of_last_run, write_end
 
 OFF = {"state": "idle", "job": None, "output": "off", "output_confirmed": True, "output_confirmed_by": "the controller"}
 NOT_CONFIRMED = {**OFF, "output": "unknown", "output_confirmed": False, "output_confirmed_by": None}
@@ -264,14 +264,16 @@ def test_a_job_whose_daemon_was_killed_ends_as_its_guard_found(
 
 
 @pytest.mark.parametrize(
-    ("reason", "confirmed", "status", "said"),
+    ("calibrated_at", "reason", "confirmed", "status", "said"),
     [
-        (DIED, True, 1, "its guard: as it is; what was recorded is in"),
-        ("signal", True, 1, "its run: as it is; output off, confirmed; what was recorded is in"),
-        ("signal", False, 11, "OUTPUT NOT CONFIRMED OFF: its run: as it is; output not confirmed off"),
+        ("1", DIED, True, 1, "its guard: as it is; what was recorded is in"),
+        ("1", "signal", True, 1, "its run: as it is; output off, confirmed; what was recorded is in"),
+        ("1", "signal", False, 11, "OUTPUT NOT CONFIRMED OFF: its run: as it is; output not confirmed off"),
+        ("3", "signal", False, 11, "OUTPUT NOT CONFIRMED OFF: its run: as it is; output not confirmed off"),
     ],
 )
 def test_a_job_that_is_ended_while_its_daemon_ends(
+    calibrated_at: str,
     reason: str,
     confirmed: bool,
     status: int,
@@ -279,9 +281,10 @@ def test_a_job_that_is_ended_while_its_daemon_ends(
     hand: Hand,
     tmp_path: Path,
 ) -> None:
-    """Nobody answers to the Ctrl-C: what is written of the run's end counts, not that of the calibration before it."""
+    """Nobody answers to the Ctrl-C: what is written of the run's end counts, not that of the calibration before it, and
+    a clock that was set back in between makes no "confirmed" of one that is not."""
     folder = tmp_path / "7.part"
-    ends = {"calibration": ("1", "done", True), "": ("2", reason, confirmed)}
+    ends = {"calibration": (calibrated_at, "done", True), "": ("2", reason, confirmed)}
     for name, (at, why, off) in ends.items():
         (folder / name).mkdir(parents=True, exist_ok=True)
         stop = {"reason": why, "text": "as it is", "output_off_confirmed": off}
@@ -296,3 +299,14 @@ def test_a_job_that_is_ended_while_its_daemon_ends(
     found, _, err = hand(Ending(0, GONE))
     assert found == status
     assert said in err
+
+
+def test_a_run_that_has_not_ended_is_waited_for_whatever_the_clock_says(tmp_path: Path) -> None:
+    """The guard checks the temperature for 20 s: until then a calibration of before must not speak for the output."""
+    for name, at, stop in (("calibration", "3", {"reason": "done", "output_off_confirmed": True}), ("", "2", None)):
+        (tmp_path / name).mkdir(exist_ok=True)
+        run = {"start": {"at": at}, **({"stop": stop} if stop is not None else {})}
+        (tmp_path / name / "run.json").write_text(json.dumps(run))
+    assert end_of_last_run(str(tmp_path), 0.0) is None
+    write_end(str(tmp_path), "still warm", confirmed=False)
+    assert end_of_last_run(str(tmp_path), 0.0) == (False, "its guard: still warm")

@@ -94,3 +94,14 @@ def test_a_job_is_told_what_the_off_of_stop_gave_and_a_second_stop_commands_it_a
     lock.open()
     assert locked.off()
     assert controller.off.call_count == 3
+
+
+def test_a_driver_whose_off_raises_ends_stop_and_job_with_an_output_that_is_not_confirmed_off() -> None:
+    """A user-defined driver may raise anything: STOP must go on to hold the queue, and the daemon to say what is on."""
+    lock, controller = OutputLock(lambda: 0.0), Mock(confirms_off_by="its status")
+    controller.off.side_effect = ZeroDivisionError("of the driver's own")
+    lock.attach(controller)
+    locked = lock.controller_for_job(controller, JobPass(lock))
+    assert not lock.stop(JobStopped("stopped")).confirmed
+    lock.open()
+    assert not locked.off()
