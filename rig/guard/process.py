@@ -12,7 +12,8 @@ reads stderr; everything is done by then. If the child has itself reported that 
 11), the guard does not contradict it. In both cases, if the output had been armed, a detached process keeps trying.
 
 A child that has armed the output and completes no control cycle for `silence_s`, or is suspended, is ended: this is the
-dead man for instruments without one. Ctrl-Z is ignored, so that an armed output cannot be put to sleep.
+dead man for instruments without one. One that even SIGKILL does not end waits in the kernel, for a disk that hangs: it
+can send nothing any more, and the guard commands the output off beside it. Ctrl-Z is ignored, so that an armed output cannot be put to sleep.
 
 Neither numpy nor a configuration is imported here, so that the guard stays small: some 15 MB.
 
@@ -140,6 +141,7 @@ class _Watch:
         self._given_up_before = False  # before the last attempt to open the controller's port
         self._heard_s = time.monotonic()
         self._kill_s: float | None = None  # when a child that hangs is killed
+        self._killed = False  # it was, and should have died of that
         self._text = b""
         self._at_once: Verdict | None = None
         self._curves: ExpectedCurves | None = None
@@ -238,12 +240,27 @@ class _Watch:
         now = time.monotonic()
         if self._kill_s is not None:
             if now >= self._kill_s:
+                if self._killed and self._at_once is None:
+                    self._switch_off_beside()
                 os.kill(self._child, signal.SIGKILL)
-                self._kill_s = now + GRACE_S
+                self._killed, self._kill_s = True, now + GRACE_S
         elif self._busy and not self._given_up and now - self._heard_s >= self._silence_s:
             os.kill(self._child, signal.SIGTERM)
             self._kill_s = now + GRACE_S
             self.report(f"process {self._child}: no tick for {self._silence_s:g} s with the output armed; ending it")
+
+    def _switch_off_beside(self) -> None:
+        """Command the output off although the child has not died; its lock on the port is not waited for."""
+        controller = self._held.get("controller")
+        if controller is None:
+            return
+        self._at_once = off_at_once(controller)
+        what = f"process {self._child} does not end, not even of SIGKILL: does a disk hang?"
+        if self._at_once is not None and self._at_once.confirmed:
+            self.report(f"{what} {sentence(controller, self._at_once)}")
+        else:
+            why = self._at_once.text if self._at_once is not None else "its port cannot be opened"
+            self.report(f"OUTPUT NOT CONFIRMED OFF: {what} {controller.port}: {why}. Switch the controller off by hand.")
 
     def _end_suspended(self) -> None:
         """End a suspended child that holds an instrument: it controls nothing."""

@@ -18,10 +18,13 @@ import pytest
 
 from benchmarks._killed_run import KilledRuns
 from benchmarks.disobedient import PULSE_SHARE
+from rig.bench.assembly import emulated_instruments
+from rig.config.configuration import read_configuration
 from rig.guard.pipe import is_suspended
 from rig.guard.process import has_real_ports
 from rig.guard.takeover import end_trying
 from rig.ports.open import holder
+from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.rig.drivers.disobedient import Disobedient
 from tests.rig.small import write_bench
 
@@ -305,6 +308,44 @@ def test_a_loop_that_hangs_is_ended_also_after_an_off_that_was_not_confirmed() -
     done = in_a_guarded_process("guard.busy()\nguard.given_up()\nguard.busy()\ntime.sleep(50.0)\nreturn 0")
     assert done.returncode == 128 + signal.SIGTERM
     assert "no tick for 0.3 s" in done.stderr
+
+
+UNENDING = """
+import os
+import rig.guard.process
+rig.guard.process.GRACE_S = 0.3
+os.kill = lambda pid, number: None
+"""
+
+
+@pytest.mark.parametrize("there", [True, False], ids=["obeys", "its port is gone"])
+def test_beside_a_process_that_no_signal_ends_the_output_is_switched_off(tmp_path: Path, there: bool) -> None:
+    """A row is written to a disk that hangs: the process waits in the kernel with the current on, and a controller
+    without a dead man would heat until somebody comes by."""
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text().replace('driver = "meerstetter"', 'driver = "te_technology"'))
+    instruments = {role: one for role, _, one in emulated_instruments(read_configuration(path), 0.0)}
+    controller: Any = instruments["controller"]
+    controller.values["power on"] = 1
+    controller.receive(b"*000100000000e1\r", 1.0)  # its loops are compiled before it has to answer in time
+    controller.transmit(2.0)
+    with PseudoTerminals(instruments) as terminals:
+        port = terminals.paths["controller"] if there else "/dev/ttyNOPE7"
+        work = f"guard.holds('controller', 'te_technology', {port!r}, {{}})\n    guard.busy()\n    time.sleep(60.0)"
+        code = UNENDING + CHILD.format(work=work)
+        process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
+        assert process.stderr is not None
+        try:
+            said = [process.stderr.readline(), process.stderr.readline()]
+        finally:
+            process.kill()  # its child dies with it
+            process.wait()
+        assert controller.values["power on"] == (0 if there else 1)
+    assert "ending it" in said[0]
+    assert "does not end, not even of SIGKILL" in said[1]
+    assert ("output off, confirmed by the controller" in said[1]) is there
+    assert ("OUTPUT NOT CONFIRMED OFF" in said[1]) is not there
+    process.stderr.close()
 
 
 def test_a_silence_for_the_dead_man_and_an_idle_process_are_no_hanging_loop() -> None:
