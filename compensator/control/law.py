@@ -234,8 +234,9 @@ class LawSettings:
     name, period_s, current_limit_A, gains: of the loop. low_degC, high_degC: limits of the temperature. preview: number
     of coming targets that a step takes, preview_spacing_s apart, the first one period ahead. reversal: standard
     deviations of the estimate by which the output has to differ before it turns round; it goes on its way for any
-    difference. trusts_model: True if the plate model predicts the temperature (else only the reading is used).
-    rate_share: share of the plate's fastest rates that the reference may use, fastest_K_per_s: its fastest rate.
+    difference (without that, noise in a dwell would change the current by up to thirty times as much). trusts_model:
+    True if the plate model predicts the temperature (else only the reading is used). rate_share: share of the plate's
+    fastest rates that the reference may use, fastest_K_per_s: its fastest rate.
     most_share: largest share of an innovation of the ohmmeter by which one reading may change the disturbance
     (`compensator.control.margins.share_within`). heading: of several temperatures for an output the nearest is taken
     (0), or the next one up (1) or down (-1), if there is one.

@@ -1,8 +1,9 @@
 """The temperature reference: the inverse looked up ahead, and shaped to what the plate can do.
 
 A turning point of the wanted resistance makes the wanted temperature jump across the loop, and a plate has limited
-rates: it must leave before the jump, or arrive after it. How early is decided by the film: several departure times
-are run through the model, and the one with the smallest squared error over the preview is taken.
+rates: it must leave before the jump, or arrive after it. Which, the film decides: to make for the wanted temperature
+now, and to leave just in time, are both run through the model, and the one with the smaller squared error over the
+preview is taken.
 
 A film that lags the plate, tau dT_f/dt = T_p - T_f, is taken along by T_p = T_f + tau dT_f/dt. The plate's rates then
 limit the film's acceleration, and a film at rate u needs the distance
@@ -32,7 +33,6 @@ from compensator.inverse.branch import workspace
 from compensator.inverse.search import HIGH, LOW, Settings, arrive, solve
 from compensator.thermal.plate import PlateModel
 
-DEPARTURES: Final = 5  # departure times that are tried, between now and just in time
 LEADS: Final = 9  # of a lagging film: twice as many leave 0.93 of the error, half as many 1.3 times it
 LONGEST_LEAD: Final = 0.6  # of the film's lag: the longest lead that is tried
 CAUTION: Final = 1.0  # standard deviations of the output, by which a film stops short of a target that stays
@@ -230,9 +230,8 @@ def next_temperature(wanted: Array, now: Reference, reach: Reach) -> Reference:
 def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, reach: Reach) -> Planned:
     """Return the reference after first_s. targets: outputs, shape (targets,).
 
-    Of several departure times, from `now` to `just in time`, or of several leads of a lagging film, the one is taken
-    whose course, limited to the plate's rates and run through the film model, has the smallest squared error over the
-    preview.
+    Of both departures, at once and just in time, or of several leads of a lagging film, the one is taken whose course,
+    limited to the plate's rates and run through the film model, has the smallest squared error over the preview.
     """
     count, lagging = targets.size, reach.lag_s > 0.0
     wanted, departures = np.empty(count), np.empty(count)
@@ -241,11 +240,11 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
     envelopes, radii, _, _, _ = film.model
     before = play.output_of(film.model, film.degC, film.plays)
     best, cheapest, best_output = now, math.inf, before
-    choices = LEADS if lagging else DEPARTURES
+    choices = LEADS if lagging else 2
     if not lagging and np.array_equal(wanted, departures):  # nothing has to leave early: all courses are the same one
         choices, count = 1, 1
     for choice in range(choices):
-        share = 0.0 if lagging else choice / (DEPARTURES - 1.0)
+        share = 0.0 if lagging else float(choice)
         lead = lead_of(choice, reach) if lagging else 0
         memory = film.plays.copy()
         at, v, cost, first, output = now, film.degC, 0.0, now, before
