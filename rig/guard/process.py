@@ -13,7 +13,8 @@ reads stderr; everything is done by then. If the child has itself reported that 
 
 A child that has armed the output and completes no control cycle for `silence_s`, or is suspended, is ended: this is the
 dead man for instruments without one. One that even SIGKILL does not end waits in the kernel, for a disk that hangs: it
-can send nothing any more, and the guard commands the output off beside it. Ctrl-Z is ignored, so that an armed output cannot be put to sleep.
+can send nothing any more, and the guard commands the output off beside it. Ctrl-Z is ignored, so that an armed output
+cannot be put to sleep.
 
 Neither numpy nor a configuration is imported here, so that the guard stays small: some 15 MB.
 
@@ -260,7 +261,8 @@ class _Watch:
             self.report(f"{what} {sentence(controller, self._at_once)}")
         else:
             why = self._at_once.text if self._at_once is not None else "its port cannot be opened"
-            self.report(f"OUTPUT NOT CONFIRMED OFF: {what} {controller.port}: {why}. Switch the controller off by hand.")
+            by_hand = f"{controller.port}: {why}. Switch the controller off by hand."
+            self.report(f"OUTPUT NOT CONFIRMED OFF: {what} {by_hand}")
 
     def _end_suspended(self) -> None:
         """End a suspended child that holds an instrument: it controls nothing."""

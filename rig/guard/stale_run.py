@@ -83,7 +83,7 @@ def end_of_last_run(folder: str, within_s: float) -> tuple[bool, str] | None:
     """Return whether the output is confirmed off by the last run in a job's folder, and the text of its end.
 
     Waits until every run has an entry, by itself or by the guard; None if one has none in time. The time of day may
-    have jumped between two runs, so that "last" alone would be a guess: an output that is not confirmed off comes first.
+    have jumped between two runs, so that "last" is a guess: an output that is not confirmed off comes first.
     """
     until_s = time.monotonic() + within_s
     while True:

@@ -97,7 +97,8 @@ def test_another_instrument_is_refused(controller: Any, emulator: Any, case: Cas
 def test_limits_that_cannot_be_send_nothing(attach: Attach, clock: VirtualClock, case: Case) -> None:
     """A controller with half of a wrong configuration would guard the plate by the limits of somebody else."""
     controller = open_controller(case.driver, attach(silent := Conversation([])), clock, **case.options)
-    for current_A, limits_degC in ((0.0, (10.0, 95.0)), (NAN, (10.0, 95.0)), (1.0, (95.0, 10.0)), (1.0, (NAN, 9.0)), *BEYOND):
+    no_limits = ((0.0, LIMITS_DEGC), (NAN, LIMITS_DEGC), (1.0, (95.0, 10.0)), (1.0, (NAN, 9.0)))
+    for current_A, limits_degC in (*no_limits, *BEYOND):
         with pytest.raises(ValueError, match="expected"):
             controller.configure(current_A, limits_degC, 0.0)
     silent.assert_over()
