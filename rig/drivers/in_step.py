@@ -66,7 +66,7 @@ class SteppedLink:
                 self._prove(attempt)
                 break
             except InstrumentError as error:
-                problem = error
+                problem, self.in_doubt = error, True  # whatever a part of the proof has shown
         else:
             raise problem or OutOfStep("the line cannot be brought in step")
         self.in_doubt = False

@@ -13,7 +13,10 @@ from rig.core import errors
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, Refused, TimedOut
 from rig.drivers import registry
+from rig.drivers.scpi import ScpiLink
 from rig.drivers.scpi_meters import set_filter
+from rig.ports.open import LineSettings, open_port
+from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument, emulated
 from tests.rig.drivers.far_ends import Conversation, scripted
 from tests.rig.drivers.still_plant import StillPlant
@@ -251,3 +254,14 @@ def test_after_silence_the_line_is_brought_in_step_first(attach: Attach, clock: 
         meter.read()
     assert meter.read().value == 5e4
     conversation.assert_over()
+
+
+def test_a_proof_that_broke_off_leaves_the_line_in_doubt(attach: Attach, clock: VirtualClock) -> None:
+    """A reply that came twice passed for the answer of the error queue, and the next reading was asked for while the
+    instrument was still at it: integrated later than its time said."""
+    twice = [(b"\x18\r*ESE 8;*ESE?\r", b"8\n"), (b":SYST:ERR?;*ESE?;*ESE 9\r", b"8\n")]
+    port = open_port(attach(Conversation(twice)), LineSettings(9600))
+    link = ScpiLink(Transport(port, clock), byte_s=1e-3, first_token=7)
+    with pytest.raises(Corrupt, match="error queue"):
+        link.resynchronise(trials=1)
+    assert link.in_doubt
