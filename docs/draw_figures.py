@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
 from compensator.inverse.inverse import Inverse
-from rig.report.figures import COLOURS, SETTINGS
+from rig.report.page import COLOURS, SETTINGS
 from sim.inference.film.fit import identify_film
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from rig.records.record_file import read_record
-from rig.report.figures import COLOURS, SETTINGS
+from rig.report.page import COLOURS, SETTINGS
 
 
 def tracked(folder: Path) -> dict[str, np.ndarray]:

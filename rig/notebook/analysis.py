@@ -52,7 +52,7 @@ class Shown:
         return str(self)
 
     def _repr_html_(self) -> str:
-        from rig.report.figures import svg_text
+        from rig.report.page import svg_text
 
         svg = svg_text(self.plot())
         return f"<pre>{escape(str(self))}</pre>{svg[svg.index('<svg') :]}"

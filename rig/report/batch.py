@@ -28,21 +28,7 @@ from rig.batch import LOST, Case, Ended, Engine, EngineChoice, Journal, cases_in
 from rig.core.faults import fault
 from rig.core.file_writing import naming_file
 from rig.records.record import Record, Refused, content_digest, unit_of
-from rig.report.figures import (
-    COLOURS,
-    Html,
-    both_widths,
-    draw_line,
-    figure,
-    link,
-    new_figure,
-    paragraph,
-    section,
-    svg_text,
-    table,
-    write_page,
-    write_svg,
-)
+from rig.report import page
 from rig.version import __version__
 
 Row = dict[str, Any]
@@ -242,10 +228,10 @@ def _write_records_page(out: Path, rows: Sequence[Row], task: Task) -> None:
     if judged := [row for row in rows if "verdict" in row]:
         drawn = _verdict_figure(judged)
         caption = "How often each effect was named, and each verdict reached."
-        parts.insert(0, figure(both_widths(drawn, "named", svg_text(drawn)), caption))
+        parts.insert(0, page.figure(page.both_widths(drawn, "named", page.svg_text(drawn)), caption))
     failed = sum(1 for row in rows if row["status"] != "done")
     lead = f"{len(rows)} records; of {failed} of them nothing could be said."
-    write_page(out / "report.html", task.title, lead, parts)
+    page.write_page(out / "report.html", task.title, lead, parts)
 
 
 def _records_table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
@@ -255,23 +241,23 @@ def _records_table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]
         if row.get("status") == "done":
             found = [row.get(name, "") for name in columns]
             shown = [f"{value:.4g}" if isinstance(value, float) else str(value) for value in found]
-            own = [link(record, f"{row['folder']}/report.html"), *shown]
+            own = [page.link(record, f"{row['folder']}/report.html"), *shown]
         else:  # each line of a fault begins with the record's name, which stands before it already
-            why = Html("<br>".join(escape(line.removeprefix(f"{record}: ")) for line in _why(row)))
+            why = page.Html("<br>".join(escape(line.removeprefix(f"{record}: ")) for line in _why(row)))
             own = [record, why, *([""] * (len(columns) - 1))]
         cells.append([*own, _read_in_words(row)])
-    return table(["record", *columns.values(), "what was read"], cells, kind="words many")
+    return page.table(["record", *columns.values(), "what was read"], cells, kind="words many")
 
 
-def _read_in_words(row: Mapping[str, Any]) -> Html:
+def _read_in_words(row: Mapping[str, Any]) -> page.Html:
     if "rows" not in row:
-        return Html()
+        return page.Html()
     parts = [f"{row['rows']} rows in {row['duration_s']:.4g} s"]
     for name in CHANNELS:
         if f"{name}.lowest" in row:
             parts.append(f"{row[f'{name}.lowest']:.4g} to {row[f'{name}.highest']:.4g} {unit_of(name)}")
     notes = f"<details><summary>read as</summary>{escape(str(row['read']))}</details>" if row.get("read") else ""
-    return Html(escape(", ".join(parts)) + notes)
+    return page.Html(escape(", ".join(parts)) + notes)
 
 
 def draw_sweep(rows: Sequence[Row], path: Path) -> Path | None:
@@ -283,7 +269,7 @@ def draw_sweep(rows: Sequence[Row], path: Path) -> Path | None:
         if found is None:
             return None
         drawn = _error_figure(rows, *found)
-    write_svg(path, svg_text(drawn))
+    page.write_svg(path, page.svg_text(drawn))
     return path
 
 
@@ -295,8 +281,8 @@ def _error_figure(rows: Sequence[Row], error: str, label: str) -> Figure:
     numbers = [name for name in before if all(isinstance(row.get(name), (int, float)) for row in done)]
     names = [name for name in numbers if len({row[name] for row in done}) > 1][:MOST_PANELS] or ["number"]
     kinds = list(dict.fromkeys(row.get("effects", "") for row in done))
-    drawn, panels = new_figure(len(names), 1.2 + 2.6 * len(names), share=False)
-    colours = list(dict.fromkeys(COLOURS.values()))
+    drawn, panels = page.new_figure(len(names), 1.2 + 2.6 * len(names), share=False)
+    colours = list(dict.fromkeys(page.COLOURS.values()))
     for axes, name in zip(panels, names, strict=True):
         for k, kind in enumerate(kinds):
             points = [(row[name], row[error]) for row in done if row.get("effects", "") == kind]
@@ -318,9 +304,9 @@ def _verdict_figure(rows: Sequence[Row]) -> Figure:
     """Draw how many cases have which effect, and which verdict."""
     effects = Counter(word.partition(":")[0] for row in rows for word in str(row["named"]).split())
     verdicts = Counter(str(row["verdict"]) for row in rows)
-    bars = [(name, count, COLOURS["measured"]) for name, count in effects.most_common()]
-    bars += [(f"verdict: {name}", count, COLOURS["instrument_pid"]) for name, count in verdicts.most_common()]
-    drawn, (axes,) = new_figure(1, 1.2 + 0.35 * len(bars))
+    bars = [(name, count, page.COLOURS["measured"]) for name, count in effects.most_common()]
+    bars += [(f"verdict: {name}", count, page.COLOURS["instrument_pid"]) for name, count in verdicts.most_common()]
+    drawn, (axes,) = page.new_figure(1, 1.2 + 0.35 * len(bars))
     names, counts, colours = zip(*reversed(bars), strict=True)
     axes.barh(names, counts, color=colours)
     axes.set_xlabel(f"cases of {len(rows)}")
@@ -339,31 +325,31 @@ def write_trend_report(out: Path, series: Sequence[Series], rows: Sequence[Mappi
     parts = []
     if shown:
         drawn = _series_figure(shown)
-        text = svg_text(drawn)
-        write_svg(out / "trend.svg", text)
+        text = page.svg_text(drawn)
+        page.write_svg(out / "trend.svg", text)
         caption = "Sizes over time with their 95 % intervals; a vertical line where one changed, its means before and "
-        parts.append(figure(both_widths(drawn, "trend", text), caption + "after."))
+        parts.append(page.figure(page.both_widths(drawn, "trend", text), caption + "after."))
     cells = []
     for row in rows:
-        name = link(str(row["run"]), str(row["link"])) if row.get("link") else str(row["run"])
+        name = page.link(str(row["run"]), str(row["link"])) if row.get("link") else str(row["run"])
         verdict = str(row.get("verdict", row.get("text", "")))
         cells.append((name, str(row["at"])[:16].replace("T", " "), str(row["rig"]), verdict, str(row.get("named", ""))))
-    runs = table(("run", "began, UTC", "rig", "verdict", "named"), cells, kind="words")
-    parts += [section("Effects", _effects(series)), section("Runs", runs)]
-    write_page(out / "report.html", "Trend", lead, parts)
+    runs = page.table(("run", "began, UTC", "rig", "verdict", "named"), cells, kind="words")
+    parts += [page.section("Effects", _effects(series)), page.section("Runs", runs)]
+    page.write_page(out / "report.html", "Trend", lead, parts)
 
 
 def _series_figure(series: Sequence[Series]) -> Figure:
     """Draw each series over the days, one above the other."""
-    drawn, panels = new_figure(len(series), 1.0 + 1.9 * len(series))
+    drawn, panels = page.new_figure(len(series), 1.0 + 1.9 * len(series))
     for axes, one in zip(panels, series, strict=True):
         days: Any = date2num(np.array([at[:19] for at in one.at], dtype="datetime64[s]"))  # type: ignore[no-untyped-call]
         below, above = (abs(one.value - one.low), abs(one.high - one.value))
-        axes.errorbar(days, one.value, (below, above), fmt="o", ms=3, lw=1, color=COLOURS["measured"])
+        axes.errorbar(days, one.value, (below, above), fmt="o", ms=3, lw=1, color=page.COLOURS["measured"])
         if (change := one.change) is not None:
-            axes.axvline(days[change.since], color=COLOURS["model"])
+            axes.axvline(days[change.since], color=page.COLOURS["model"])
             for (mean, _), span in ((change.before, days[: change.since]), (change.after, days[change.since :])):
-                draw_line(axes, span, np.full(span.size, mean), color=COLOURS["model"], lw=1)
+                page.draw_line(axes, span, np.full(span.size, mean), color=page.COLOURS["model"], lw=1)
         axes.set_title(f"{one.rig}: {one.effect}", loc="left", fontsize=9)
         axes.set_ylabel(one.parameter)
         axes.xaxis_date()
@@ -380,4 +366,4 @@ def _effects(series: Sequence[Series]) -> str:
         values = [f"{row[key]:.4g}" if key in row else "" for key in ("before", "after")]
         since = f"{row['since'][:16].replace('T', ' ')} {row['change']}" if row["since"] else "no change"
         cells.append((one.rig, f"{one.effect} {one.parameter}", since, *values, latest, f"{one.seen} of {len(one.at)}"))
-    return table(head, cells) if cells else paragraph("No effect was named in any run.")
+    return page.table(head, cells) if cells else page.paragraph("No effect was named in any run.")

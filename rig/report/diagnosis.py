@@ -26,24 +26,8 @@ from rig.core.file_writing import write_text
 from rig.records.record_file import Record
 from rig.records.run_folder import plain_json
 from rig.report import diagnosis_words as words
+from rig.report import page
 from rig.report.batch import CANDIDATE, MODEL, RecordReport, Task, files_in
-from rig.report.figures import (
-    COLOURS,
-    EDGE,
-    GREEN,
-    bullets,
-    draw_line,
-    grid,
-    legend_above,
-    log_scale,
-    new_figure,
-    paragraph,
-    saved,
-    section,
-    table,
-    tiles,
-    write_page,
-)
 from sim.diagnosis.extended_model import extended_model
 from sim.diagnosis.result import with_model
 
@@ -53,7 +37,7 @@ if TYPE_CHECKING:
     from sim.inference.record.record import Record as Rows
 
 
-BASE, EXTENDED, NOISE = EDGE, COLOURS["model"], GREEN
+BASE, EXTENDED, NOISE = page.EDGE, page.COLOURS["model"], page.GREEN
 MOST_DOTS = 4000  # more hide each other, and make the page slow
 MILLI = 0.3  # K: below it a figure is in mK
 
@@ -62,7 +46,7 @@ def drawn_gain(diagnosis: Diagnosis) -> Figure:
     """Draw the errors of both models on held-out rows, and the noise, a panel for each channel."""
     channels = words.judged_channels(diagnosis)
     extends = _extends(diagnosis)
-    fig, axes = grid(1, len(channels), 1.7)
+    fig, axes = page.grid(1, len(channels), 1.7)
     for axis, (what, unit, channel) in zip(axes[0], channels, strict=True):
         scale, prefix = scaled(channel.rmse_base, unit)
         bars = [("noise", channel.noise, NOISE), ("extended model", channel.rmse_extended, EXTENDED)]
@@ -99,18 +83,20 @@ def residuals(diagnosis: Diagnosis, fit: Fit) -> dict[str, Array]:
 def drawn_course(diagnosis: Diagnosis) -> Figure:
     """Draw the temperature over time, measured and simulated by both models, and the current."""
     record = diagnosis.record
-    fig, axes = new_figure(2, 5.0, [2.6, 1.0])
+    fig, axes = page.new_figure(2, 5.0, [2.6, 1.0])
     degC = np.where(record.temperature_used, record.temperature_degC, np.nan)
-    courses: list[tuple[Array, str, str, Any]] = [(degC, COLOURS["measured"], "measured", "-")]
+    courses: list[tuple[Array, str, str, Any]] = [(degC, page.COLOURS["measured"], "measured", "-")]
     for group, colour, name in _models(diagnosis):
         courses.append((diagnosis.shown(group)["temperature_K"], colour, name, (0, (4, 2))))
     for values, colour, name, style in courses:
-        draw_line(axes[0], record.time_s, values, breaks=_breaks(record), color=colour, label=name, linestyle=style)
+        page.draw_line(
+            axes[0], record.time_s, values, breaks=_breaks(record), color=colour, label=name, linestyle=style
+        )
     axes[0].set_ylabel("temperature / \N{DEGREE SIGN}C")
-    legend_above(axes[0])
+    page.legend_above(axes[0])
     if record.current_A is not None:
-        breaks, colour = _breaks(record), COLOURS["current"]
-        draw_line(axes[1], record.time_s, record.current_A, held=True, breaks=breaks, color=colour, linewidth=0.9)
+        breaks, colour = _breaks(record), page.COLOURS["current"]
+        page.draw_line(axes[1], record.time_s, record.current_A, held=True, breaks=breaks, color=colour, linewidth=0.9)
     axes[1].set_ylabel(_drive(diagnosis).replace(" / of", "\n/ of"))
     axes[1].set_xlabel(_time(record)[0])
     if record.joined.size:
@@ -190,7 +176,7 @@ def _residual(
     what, unit = words.channels_of(diagnosis)[key]
     models = [(before, BASE, "base model"), (after, EXTENDED, "extended model")]
     models = models if _extends(diagnosis) else [(after, EXTENDED, "model")]
-    fig, axes = grid(len(models), len(against), 2.6 * len(models), sharey="row")
+    fig, axes = page.grid(len(models), len(against), 2.6 * len(models), sharey="row")
     good = np.flatnonzero(np.isfinite(before) & np.isfinite(after))
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
     beyond = False
@@ -215,14 +201,14 @@ def _residual(
     caption = f"Residual of {what} against {', '.join(others)} and {last}."
     caption += " Each row has its own scale." * (len(models) > 1)
     caption += " Triangles at the edge: readings beyond it." * beyond
-    return saved(fig, folder, f"residual_{key}", caption)
+    return page.saved(fig, folder, f"residual_{key}", caption)
 
 
 def drawn_loop(diagnosis: Diagnosis) -> Figure:
     """Draw the film's output over temperature, measured and simulated."""
     record = diagnosis.record
     assert record.output is not None
-    fig, axes = grid(1, 2, 3.6)
+    fig, axes = page.grid(1, 2, 3.6)
     temperature = diagnosis.fit.at.run.path.at(record.time_s)
     good = np.flatnonzero(record.output_used)
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
@@ -231,13 +217,13 @@ def drawn_loop(diagnosis: Diagnosis) -> Figure:
     for axis, (group, colour, name) in zip(axes[0], panels, strict=False):
         modelled = diagnosis.shown(group)[record.quantity.channel]
         measured, model = (record.quantity.values(v) for v in (record.output, modelled))
-        dots = {"markersize": 2, "color": COLOURS["measured"], "rasterized": True, "label": "measured"}
+        dots = {"markersize": 2, "color": page.COLOURS["measured"], "rasterized": True, "label": "measured"}
         axis.plot(temperature[index], measured[index], ".", **dots)
         line: dict[str, Any] = {"color": colour, "linewidth": 0.9, "rasterized": True, "label": name}
         model = np.where(read, model, np.nan)
-        draw_line(axis, record.time_s, model, over=temperature, breaks=record.first_rows, **line)
+        page.draw_line(axis, record.time_s, model, over=temperature, breaks=record.first_rows, **line)
         if record.quantity.is_resistance:
-            log_scale(axis)
+            page.log_scale(axis)
         axis.legend(loc="upper right", markerscale=4, fontsize=9)
         axis.set_xlabel("plate's temperature / \N{DEGREE SIGN}C")
     axes[0, 0].set_ylabel("resistance / ohm" if record.quantity.is_resistance else record.quantity.column)
@@ -252,34 +238,34 @@ RUNNERS_UP = 6  # rows of a table that is read at a glance
 def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
     """Write report.html and diagnosis.json into a folder that is there, with its models."""
     write_text(folder / "diagnosis.json", plain_json(diagnosis.document()) + "\n")
-    parts = [paragraph(f"{line}.", "note") for line in words.record_lines(diagnosis)]
+    parts = [page.paragraph(f"{line}.", "note") for line in words.record_lines(diagnosis)]
     if held := words.held_out_lines(diagnosis):
-        parts += [paragraph("Held-out records, and the errors there:", "note"), bullets(held)]
-    parts.append(tiles(_numbers(diagnosis)))
+        parts += [page.paragraph("Held-out records, and the errors there:", "note"), page.bullets(held)]
+    parts.append(page.tiles(_numbers(diagnosis)))
     figures = []
     if diagnosis.plate is not None:
         caption = "The temperature as measured, and as the models simulate it from the current alone."
-        figures.append(saved(drawn_course(diagnosis), folder, "course", caption))
+        figures.append(page.saved(drawn_course(diagnosis), folder, "course", caption))
     if diagnosis.record.output is not None:
         caption = "The loop as measured, and as the models simulate it."
-        figures.append(saved(drawn_loop(diagnosis), folder, "loop", caption))
+        figures.append(page.saved(drawn_loop(diagnosis), folder, "loop", caption))
     if figures:
-        parts.append(section("Measured and modelled", *figures))
+        parts.append(page.section("Measured and modelled", *figures))
     assumed = words.assumed_lines(diagnosis)
     if assumed:
-        assumed = [paragraph("Assumed to be there, in the base model too:"), bullets(assumed)]
-    parts.append(section("Effects", _effects(diagnosis), *assumed, *_changes(diagnosis)))
+        assumed = [page.paragraph("Assumed to be there, in the base model too:"), page.bullets(assumed)]
+    parts.append(page.section("Effects", _effects(diagnosis), *assumed, *_changes(diagnosis)))
     parts += _not_named(diagnosis, (folder / CANDIDATE).is_file())
     caption = "RMS error of a simulation over the whole record, counted on held-out rows, and the instrument's noise."
-    parts.append(section("Errors on held-out rows", saved(drawn_gain(diagnosis), folder, "gain", caption)))
-    parts.append(section("Residual, warnings, and what to do next", *_left(diagnosis)))
+    parts.append(page.section("Errors on held-out rows", page.saved(drawn_gain(diagnosis), folder, "gain", caption)))
+    parts.append(page.section("Residual, warnings, and what to do next", *_left(diagnosis)))
     before, after = residuals(diagnosis, diagnosis.base), residuals(diagnosis, diagnosis.fit)
     against = _against(diagnosis)
     shown = [_residual(folder, diagnosis, against, key, before[key], after[key]) for key in after]
-    parts += [section("Residuals", *shown), *_plate(diagnosis), *_limits(diagnosis)]
-    parts.append(section("Other sets of effects", *_runners_up(diagnosis)))
+    parts += [page.section("Residuals", *shown), *_plate(diagnosis), *_limits(diagnosis)]
+    parts.append(page.section("Other sets of effects", *_runners_up(diagnosis)))
     title = f"Diagnosis of {words.together(diagnosis)}"
-    write_page(folder / "report.html", title, words.sentence(diagnosis), parts)
+    page.write_page(folder / "report.html", title, words.sentence(diagnosis), parts)
 
 
 def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -300,7 +286,7 @@ def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 def _effects(diagnosis: Diagnosis) -> str:
     """The table of effects."""
     if not diagnosis.findings:
-        return paragraph("None is named.")
+        return page.paragraph("None is named.")
     head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "or instead of it"]
     rows = []
     for f in words.by_gain(diagnosis):
@@ -311,7 +297,7 @@ def _effects(diagnosis: Diagnosis) -> str:
         other = ", ".join(f.indistinguishable_from) or "\N{EN DASH}"
         gained = ", ".join(gains) or "\N{EN DASH}"
         rows.append([f.name, values, f"{f.evidence:,.0f}", f"{f.false_alarm:.2g}", gained, other])
-    return table(head, rows)
+    return page.table(head, rows)
 
 
 def _not_named(diagnosis: Diagnosis, as_model: bool) -> list[str]:
@@ -323,7 +309,11 @@ def _not_named(diagnosis: Diagnosis, as_model: bool) -> list[str]:
         note += f"The model with the first of them is {CANDIDATE}."
     else:
         note += "Written as a model file, none of them predicts these rows better than the named effects."
-    return [section("Candidates that are not named", bullets(words.not_named(diagnosis)), paragraph(note, "note"))]
+    return [
+        page.section(
+            "Candidates that are not named", page.bullets(words.not_named(diagnosis)), page.paragraph(note, "note")
+        )
+    ]
 
 
 def _limits(diagnosis: Diagnosis) -> list[str]:
@@ -333,7 +323,9 @@ def _limits(diagnosis: Diagnosis) -> list[str]:
         return []
     head = ["effect", "size that this record allows (95 %)", "typical range"]
     note = "A larger effect would have been seen. Leakage and heat sink are larger effects if their value is smaller."
-    return [section("Upper limits of effects that are not named", table(head, rows), paragraph(note, "note"))]
+    return [
+        page.section("Upper limits of effects that are not named", page.table(head, rows), page.paragraph(note, "note"))
+    ]
 
 
 def _plate(diagnosis: Diagnosis) -> list[str]:
@@ -347,9 +339,13 @@ def _plate(diagnosis: Diagnosis) -> list[str]:
         interval = words.NOT_FIXED if ci is None else f"{words.number(ci[0], width)} to {words.number(ci[1], width)}"
         what, unit = words.split_unit(name)
         rows.append([f"{what} / {unit}" if unit else what, words.number(value, width), interval])
-    rooms = [paragraph(f"Each record's room: {line}.", "note") for line in words.room_line(diagnosis)]
-    doubts = [paragraph("Doubtful:"), bullets(plate.doubts)] if plate.doubts else []
-    return [section(f"The plate ({plate.kind})", table(["parameter", "value", "95 % interval"], rows), *rooms, *doubts)]
+    rooms = [page.paragraph(f"Each record's room: {line}.", "note") for line in words.room_line(diagnosis)]
+    doubts = [page.paragraph("Doubtful:"), page.bullets(plate.doubts)] if plate.doubts else []
+    return [
+        page.section(
+            f"The plate ({plate.kind})", page.table(["parameter", "value", "95 % interval"], rows), *rooms, *doubts
+        )
+    ]
 
 
 def _changes(diagnosis: Diagnosis) -> list[str]:
@@ -360,8 +356,8 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
     if not changes:
         return []
     return [
-        bullets(changes),
-        paragraph(
+        page.bullets(changes),
+        page.paragraph(
             "Evidence: the fall of the log-likelihood if the effect is removed and everything else is fitted again. "
             "Error without it: RMS error in held-out rows, relative to the extended model's.",
             "note",
@@ -371,12 +367,16 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
 
 def _left(diagnosis: Diagnosis) -> list[str]:
     left = words.left_over(diagnosis)
-    parts = [bullets(f"Residual structure, {text}" for text in left)] if left else [paragraph("The residual is noise.")]
+    parts = (
+        [page.bullets(f"Residual structure, {text}" for text in left)]
+        if left
+        else [page.paragraph("The residual is noise.")]
+    )
     warnings = [f"Warning, {w.code.replace('_', ' ')}: {words.warning_line(diagnosis, w)}" for w in diagnosis.warnings]
     if warnings:
-        parts.append(bullets(warnings))
+        parts.append(page.bullets(warnings))
     if diagnosis.next_experiment:
-        parts += [paragraph("Next:"), bullets(diagnosis.next_experiment)]
+        parts += [page.paragraph("Next:"), page.bullets(diagnosis.next_experiment)]
     return parts
 
 
@@ -386,13 +386,13 @@ def _runners_up(diagnosis: Diagnosis) -> list[str]:
     best = search.value(diagnosis.fit)
     behind = [(best - search.value(fit), key) for key, fit in search.table.items() if key != names]
     if not behind:
-        return [paragraph("No other set of effects was fitted.")]
+        return [page.paragraph("No other set of effects was fitted.")]
     rows = [[", ".join(sorted(key)) or "none", f"{less:,.1f}"] for less, key in sorted(behind, key=lambda e: e[0])]
     note = "Score: log-likelihood - price of the parameters. Below 0: a better score than that of the named effects, "
     note += "with an effect that could not be named."
     return [
-        table(["effects", "score of the named effects - score of this set"], rows[:RUNNERS_UP]),
-        paragraph(note, "note"),
+        page.table(["effects", "score of the named effects - score of this set"], rows[:RUNNERS_UP]),
+        page.paragraph(note, "note"),
     ]
 
 

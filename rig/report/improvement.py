@@ -10,20 +10,8 @@ from typing import Any
 
 from rig.analysis.error import TargetError
 from rig.experiment.improvement import Gain, as_effects
+from rig.report import page
 from rig.report.diagnosis_words import listed, parameter
-from rig.report.figures import (
-    COLOURS,
-    EDGE,
-    draw_line,
-    links,
-    new_figure,
-    paragraph,
-    saved,
-    section,
-    table,
-    tiles,
-    write_page,
-)
 
 FORMAT = "peltier-improvement/1"
 
@@ -103,14 +91,14 @@ def lines(i: Improvement) -> list[str]:
 
 def write_improvement(i: Improvement) -> None:
     """Write report.html and its figure into the folder, which is there."""
-    parts = [paragraph(f"First run: {i.run}. Law {i.law!r}.", "note"), tiles(_numbers(i))]
-    parts.append(section("What was found", paragraph(i.verdict_line), _effects(i)))
+    parts = [page.paragraph(f"First run: {i.run}. Law {i.law!r}.", "note"), page.tiles(_numbers(i))]
+    parts.append(page.section("What was found", page.paragraph(i.verdict_line), _effects(i)))
     if i.caveats:
-        parts.append(section("To be kept in mind", *(paragraph(text) for text in i.caveats)))
+        parts.append(page.section("To be kept in mind", *(page.paragraph(text) for text in i.caveats)))
     if i.first is not None and i.after is not None and i.first.unit == i.after.unit:
-        parts.append(section("The error, before and after", _courses(i.folder, i.first, i.after)))
-    parts.append(section("Further reports", links(_reports(i))))
-    write_page(i.folder / "report.html", f"Improvement of {i.run.name}", sentence(i), parts)
+        parts.append(page.section("The error, before and after", _courses(i.folder, i.first, i.after)))
+    parts.append(page.section("Further reports", page.links(_reports(i))))
+    page.write_page(i.folder / "report.html", f"Improvement of {i.run.name}", sentence(i), parts)
 
 
 def _numbers(i: Improvement) -> list[tuple[str, str]]:
@@ -129,7 +117,7 @@ def _effects(i: Improvement) -> str:
     if i.tried:
         effects, new = as_effects(i.diagnosis["candidates"][0]), "found, not named, and tried"
     if not effects:
-        return paragraph("No effect is named.")
+        return page.paragraph("No effect is named.")
     rows = [
         [
             str(e["name"]),
@@ -138,23 +126,23 @@ def _effects(i: Improvement) -> str:
         ]
         for e in effects
     ]
-    return table(["effect", "parameters (95 % interval)", "in the model"], rows, kind="words")
+    return page.table(["effect", "parameters (95 % interval)", "in the model"], rows, kind="words")
 
 
 def _courses(out: Path, first: TargetError, after: TargetError) -> str:
     """Draw both errors over the target's time, on one scale; return the page's figure."""
-    fig, axes = new_figure(2, 5.0)
+    fig, axes = page.new_figure(2, 5.0)
     most = 1.08 * max(first.largest, after.largest)
     for axis, run, what, colour in zip(axes, (first, after), ("before", "after"), ("pid", "full"), strict=True):
-        axis.axhline(0.0, color=EDGE, linewidth=0.6)
-        draw_line(axis, run.time_s, run.error, color=COLOURS[colour], linewidth=1.0)
+        axis.axhline(0.0, color=page.EDGE, linewidth=0.6)
+        page.draw_line(axis, run.time_s, run.error, color=page.COLOURS[colour], linewidth=1.0)
         axis.set_ylim(-most, most)
         axis.set_ylabel(f"{what}: measured\n- wanted / {run.unit}")
     axes[-1].set_xlabel("time of the target / s")
     quantity = {"dec": "log10 R", "K": "temperature"}.get(first.unit, "output")
     text = f"The error over time, measured - wanted {quantity}: of the first run, and with the "
     text += "extended model. Both have the same scale."
-    return saved(fig, out, "errors", text)
+    return page.saved(fig, out, "errors", text)
 
 
 def _reports(i: Improvement) -> list[tuple[str, str]]:

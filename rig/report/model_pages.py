@@ -25,28 +25,11 @@ from rig.core.file_writing import write_text
 from rig.records.film_output import in_decades, unit_of
 from rig.records.record_file import Record
 from rig.records.run_folder import plain_json
+from rig.report import page
 from rig.report.batch import MODEL, RecordReport, Task, files_in
-from rig.report.figures import (
-    COLOURS,
-    EDGE,
-    GREEN,
-    bullets,
-    draw_line,
-    grid,
-    legend_above,
-    log_scale,
-    new_figure,
-    paragraph,
-    saved,
-    section,
-    table,
-    thinned,
-    tiles,
-    write_page,
-)
 from sim.inference.transition.forc import Forc
 
-SENSE_COLOURS = {"heating": COLOURS["model"], "cooling": COLOURS["measured"]}
+SENSE_COLOURS = {"heating": page.COLOURS["model"], "cooling": page.COLOURS["measured"]}
 DEGREE = "\N{DEGREE SIGN}C"
 LOOP = "The record, and the model over it."
 MODEL_LINE = (0, (4, 2))  # dashes, through which the readings are seen
@@ -70,32 +53,32 @@ def label_of(output: str) -> str:
 def plate_figure(folder: Path, record: Record, simulated_degC: Array, suffix: str = "") -> str:
     """Draw measured and simulated temperature over time, the residual, and the drive; return the page's figure."""
     time, degC = record["time_s"], record["temperature_degC"]
-    fig, axes = new_figure(3, 6.4, [3.0, 1.6, 1.4])
+    fig, axes = page.new_figure(3, 6.4, [3.0, 1.6, 1.4])
     draw_measured_and_model(axes[0], time, degC, simulated_degC)
     draw_residual(axes[1], time, residual(degC, simulated_degC))
-    draw_line(axes[2], time, record["current_A"], held=True, color=COLOURS["current"], linewidth=0.9)
+    page.draw_line(axes[2], time, record["current_A"], held=True, color=page.COLOURS["current"], linewidth=0.9)
     axes[0].set_ylabel(f"temperature / {DEGREE}")
     axes[1].set_ylabel("measured - model\n/ K")
     axes[2].set(xlabel="time / s", ylabel="current / A" if record.drive is None else "drive\n/ of full drive")
-    return saved(fig, folder, f"plate{suffix}", "The plate's temperature, simulated from its drive alone.")
+    return page.saved(fig, folder, f"plate{suffix}", "The plate's temperature, simulated from its drive alone.")
 
 
 def draw_measured_and_model(axes: Axes, time_s: Array, measured: Array, model: Array) -> None:
     """Draw both over time, with a legend."""
-    draw_line(axes, time_s, measured, color=COLOURS["measured"], label="measured")
-    draw_line(axes, time_s, model, color=COLOURS["model"], linestyle=MODEL_LINE, linewidth=1.1, label="model")
-    legend_above(axes)
+    page.draw_line(axes, time_s, measured, color=page.COLOURS["measured"], label="measured")
+    page.draw_line(axes, time_s, model, color=page.COLOURS["model"], linestyle=MODEL_LINE, linewidth=1.1, label="model")
+    page.legend_above(axes)
 
 
 def draw_residual(axes: Axes, over: Array, left: Array) -> None:
     """Draw a dot for each row's residual."""
-    axes.axhline(0.0, color=EDGE, linewidth=0.6)
-    axes.plot(*thinned(over, left), ".", markersize=2, color=COLOURS["model"])
+    axes.axhline(0.0, color=page.EDGE, linewidth=0.6)
+    axes.plot(*page.thinned(over, left), ".", markersize=2, color=page.COLOURS["model"])
 
 
 def drawn_over_time(time_s: Array, errors: Sequence[ChannelError]) -> Figure:
     """Draw measured and predicted over time, a panel for each channel."""
-    fig, axes = new_figure(max(1, len(errors)), 3.4 * max(1, len(errors)))
+    fig, axes = page.new_figure(max(1, len(errors)), 3.4 * max(1, len(errors)))
     for axis, error in zip(axes, errors, strict=False):
         shown, label = [error.measured, error.predicted], f"temperature / {DEGREE}"
         if error.name != "temperature_degC":
@@ -103,50 +86,50 @@ def drawn_over_time(time_s: Array, errors: Sequence[ChannelError]) -> Figure:
         draw_measured_and_model(axis, time_s, *shown)
         axis.set_ylabel(label)
         if in_decades(error.name):
-            log_scale(axis)
+            page.log_scale(axis)
     axes[-1].set_xlabel("time / s")
     return fig
 
 
 def drawn_loop(time_s: Array, degC: Array, measured: Array, model: Array, output: str) -> Figure:
     """Draw output over temperature, measured and modelled, arrays of shape (rows,)."""
-    fig, (axes,) = new_figure(1, 4.6)
-    dots = thinned(degC, shown_output(measured, output))
-    axes.plot(*dots, ".", markersize=3, color=COLOURS["measured"], label="measured")
-    line: dict[str, Any] = {"color": COLOURS["model"], "linewidth": 1.1, "label": "model"}
-    draw_line(axes, time_s, shown_output(model, output), over=degC, **line)
+    fig, (axes,) = page.new_figure(1, 4.6)
+    dots = page.thinned(degC, shown_output(measured, output))
+    axes.plot(*dots, ".", markersize=3, color=page.COLOURS["measured"], label="measured")
+    line: dict[str, Any] = {"color": page.COLOURS["model"], "linewidth": 1.1, "label": "model"}
+    page.draw_line(axes, time_s, shown_output(model, output), over=degC, **line)
     axes.set(xlabel=f"temperature / {DEGREE}", ylabel=label_of(output))
     if in_decades(output):
-        log_scale(axes)
+        page.log_scale(axes)
     axes.legend(loc="best")
     return fig
 
 
 def residual_figure(folder: Path, time_s: Array, degC: Array, left: Array, unit: str, suffix: str = "") -> str:
     """Draw the residual over time and over temperature, arrays of shape (rows,); return the page's figure."""
-    fig, ((over_time, over_degC),) = grid(1, 2, 2.9, sharey=True)
+    fig, ((over_time, over_degC),) = page.grid(1, 2, 2.9, sharey=True)
     draw_residual(over_time, time_s, left)
     draw_residual(over_degC, degC, left)
     over_time.set(xlabel="time / s", ylabel=residual_label(unit))
     over_degC.set_xlabel(f"temperature / {DEGREE}")
     caption = f"The residual{' of log10 R' * (unit == 'dec')} over time and over temperature."
-    return saved(fig, folder, f"residual{suffix}", caption)
+    return page.saved(fig, folder, f"residual{suffix}", caption)
 
 
 def histogram_figure(folder: Path, left: Array, unit: str, suffix: str = "") -> str:
     """Draw the residual's histogram; return the page's figure."""
-    fig, (axes,) = new_figure(1, 2.6)
+    fig, (axes,) = page.new_figure(1, 2.6)
     finite = left[np.isfinite(left)]
-    axes.hist(finite, bins="fd" if np.ptp(finite) > 0.0 and finite.size > 4 else 10, color=COLOURS["measured"])
+    axes.hist(finite, bins="fd" if np.ptp(finite) > 0.0 and finite.size > 4 else 10, color=page.COLOURS["measured"])
     axes.set(xlabel=residual_label(unit), ylabel="rows")
     caption = f"Histogram of the residual{' of log10 R' * (unit == 'dec')}."
-    return saved(fig, folder, f"histogram{suffix}", caption)
+    return page.saved(fig, folder, f"histogram{suffix}", caption)
 
 
 def derivative_figure(folder: Path, curves: Mapping[str, Mapping[str, Any]], name: str, ylabel: str) -> str:
     """Draw the derivative of both branches with their bands, and mark the transition temperatures. curves: as of
     `FilmNumbers.shown`."""
-    fig, (axes,) = new_figure(1, 3.8)
+    fig, (axes,) = page.new_figure(1, 3.8)
     for sense, curve in curves.items():
         degC, slope, half = (np.asarray(curve[key]) for key in ("degC", "slope", "half_width"))
         colour, place = SENSE_COLOURS[sense], curve["steepest_degC"]
@@ -163,25 +146,25 @@ def derivative_figure(folder: Path, curves: Mapping[str, Mapping[str, Any]], nam
     axes.set(xlabel=f"temperature / {DEGREE}", ylabel=ylabel)
     axes.legend(loc="best")
     caption = "The derivative of each major branch with its 95 % band, and the transition temperatures."
-    return saved(fig, folder, name, caption)
+    return page.saved(fig, folder, name, caption)
 
 
 def forc_figure(folder: Path, forc: Forc, name: str) -> str:
     """Draw the distribution of the first-order reversal curves."""
-    fig, (axes,) = new_figure(1, 4.8)
+    fig, (axes,) = page.new_figure(1, 4.8)
     most = float(np.nanquantile(np.abs(forc.density), 0.995))
     density = np.ma.masked_invalid(forc.density)
     style: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -most, most), "rasterized": True}
     mesh = axes.pcolormesh(forc.grid_degC, forc.grid_reversal_degC, density, shading="nearest", **style)
     fig.colorbar(mesh, ax=axes).set_label("rho / (1/K\N{SUPERSCRIPT TWO})")
-    axes.plot(forc.reversal_degC, forc.reversal_degC, ".", color=GREEN, markersize=4)
+    axes.plot(forc.reversal_degC, forc.reversal_degC, ".", color=page.GREEN, markersize=4)
     axes.set(xlabel=f"temperature T / {DEGREE}", ylabel=f"reversal T_r / {DEGREE}")
     axes.grid(visible=False)
     caption = (
         f"FORC diagram of the readings, {forc.reversal_degC.size} curves of {forc.sense}; dots: where they turn round. "
         f"Windows {2 * forc.window_K[0]:.1f} K along T_r, {2 * forc.window_K[1]:.1f} K along T."
     )
-    return saved(fig, folder, name, caption)
+    return page.saved(fig, folder, name, caption)
 
 
 Say = Callable[[str], None]
@@ -271,30 +254,32 @@ def _write_identification_page(folder: Path, found: Identified, result: Mapping[
             (f"{film['active_operators']}", f"operators with weight, {film['kind'].replace('_', ' ')}"),
             (film["memoryless"], "form of D(T)"),
         ]
-        parts.append(tiles(numbers))
+        parts.append(page.tiles(numbers))
     if result["left_out"]:
         gone = [
             f"{Path(out['record']).name}: rows {out['rows'][0]} to {out['rows'][1]} ({out['from_s']:.12g} to "
             f"{out['to_s']:.12g} s) read {out['reads_degC']:.6g} degC: {out['rule']}"
             for out in result["left_out"]
         ]
-        parts.append(section("Temperatures that were left out", bullets(gone)))
+        parts.append(page.section("Temperatures that were left out", page.bullets(gone)))
     for k, (course, own) in enumerate(zip(found.courses(), found.numbers, strict=True)):
         several = len(found.numbers) > 1
         suffix, name = (f"_{k + 1}", f" of {Path(found.film_records[k].source).name}") if several else ("", "")
         parts.append(transition_section(folder, own.shown(), suffix, f"The transition{name}", own.forc))
         time, degC, measured, modelled = course
-        loop = saved(drawn_loop(*course, found.output), folder, f"loop{suffix}", LOOP)
+        loop = page.saved(drawn_loop(*course, found.output), folder, f"loop{suffix}", LOOP)
         left = residual_figure(folder, time, degC, residual(measured, modelled, found.output), unit, suffix)
-        parts.append(section(f"The model over the record{name}", loop, left))
+        parts.append(page.section(f"The model over the record{name}", loop, left))
     if film is not None:
         notes = film["identifiability"]
-        parts.append(section(NOT_DETERMINED, bullets(notes) if notes else paragraph("Nothing of the film.")))
+        parts.append(
+            page.section(NOT_DETERMINED, page.bullets(notes) if notes else page.paragraph("Nothing of the film."))
+        )
     if "plate" in result:
         assert found.plate is not None
         simulated = list(zip(found.plate_records, found.plate.simulated_degC, strict=True))
         parts.append(_plate(folder, result["plate"], simulated))
-    write_page(folder / "report.html", "Film and plate from a record", lead, parts)
+    page.write_page(folder / "report.html", "Film and plate from a record", lead, parts)
 
 
 def plate_table(parameters: Iterable[tuple[str, float, float | None]], head: str = "parameter") -> str:
@@ -308,7 +293,7 @@ def plate_table(parameters: Iterable[tuple[str, float, float | None]], head: str
         else:
             shown, width = value_and_half(value, half)
             rows.append([what, shown, f"\N{PLUS-MINUS SIGN} {width}", unit])
-    return table([head, "value", "95 %", "unit"], rows)
+    return page.table([head, "value", "95 %", "unit"], rows)
 
 
 def _plate(folder: Path, plate: Mapping[str, Any], simulated: Sequence[tuple[Record, Array]]) -> str:
@@ -322,7 +307,7 @@ def _plate(folder: Path, plate: Mapping[str, Any], simulated: Sequence[tuple[Rec
     )
     drive = " (per full drive in the place of A)" if plate["drive"] is not None else ""
     numbers = plate_table(found, f"parameter{drive}")
-    return section("The plate", paragraph(fitted), *figures, numbers, bullets(plate["identifiability"]))
+    return page.section("The plate", page.paragraph(fitted), *figures, numbers, page.bullets(plate["identifiability"]))
 
 
 def transition_section(
@@ -331,14 +316,14 @@ def transition_section(
     """Return the section on one record's transition, as `FilmNumbers.shown`. suffix: of the figures' names if a page
     shows several records; curves: its reversal curves, if their diagram is drawn."""
     rows = [[what, value.replace("+-", "\N{PLUS-MINUS SIGN}")] for what, value in shown["rows"]]
-    parts = [table(["quantity", "value and 95 % interval"], rows), bullets(shown["notes"])]
+    parts = [page.table(["quantity", "value and 95 % interval"], rows), page.bullets(shown["notes"])]
     if shown["derivative"]:
         parts.append(derivative_figure(folder, shown["derivative"], f"derivative{suffix}", shown["ylabel"]))
     if curves is None or curves.reason or not np.any(np.isfinite(curves.density)):
-        parts.append(paragraph(shown["forc"], "note"))
+        parts.append(page.paragraph(shown["forc"], "note"))
     else:
         parts.append(forc_figure(folder, curves, f"forc{suffix}"))
-    return section(title, *parts)
+    return page.section(title, *parts)
 
 
 def write_prediction_report(
@@ -355,16 +340,16 @@ def write_prediction_report(
         ]
         suffix = "_plate" if plate else ""
         caption = "Measured and predicted, over time."
-        shown = [saved(drawn_over_time(time_s, [one]), folder, f"over_time{suffix}", caption)]
+        shown = [page.saved(drawn_over_time(time_s, [one]), folder, f"over_time{suffix}", caption)]
         if not plate:
             loop = drawn_loop(time_s, degC, one.measured, one.predicted, one.name)
-            shown.append(saved(loop, folder, "loop", LOOP))
+            shown.append(page.saved(loop, folder, "loop", LOOP))
         shown += [
             residual_figure(folder, time_s, degC, one.residual, one.unit, suffix),
             histogram_figure(folder, one.residual, one.unit, suffix),
         ]
-        parts.append(section("The plate's temperature" if plate else "The film", *shown))
+        parts.append(page.section("The plate's temperature" if plate else "The film", *shown))
     lead = f"{Path(str(result['model'])).name} against {Path(str(result['record'])).name}."
     if not parts:
-        parts.append(paragraph("Nothing to compare: the record has no film and no temperature with a current."))
-    write_page(folder / "report.html", "A prediction and its record", lead, [tiles(numbers), *parts])
+        parts.append(page.paragraph("Nothing to compare: the record has no film and no temperature with a current."))
+    page.write_page(folder / "report.html", "A prediction and its record", lead, [page.tiles(numbers), *parts])

@@ -38,24 +38,7 @@ from rig.records.run_folder import (
     inner_runs,
     limit_A,
 )
-from rig.report.figures import (
-    BLUE,
-    COLOURS,
-    EDGE,
-    SHADE,
-    bullets,
-    draw_line,
-    legend_above,
-    links,
-    log_scale,
-    new_figure,
-    paragraph,
-    saved,
-    section,
-    table,
-    tiles,
-    write_page,
-)
+from rig.report import page
 from rig.report.model_pages import NOT_DETERMINED, draw_residual, plate_table, transition_section
 from sim.inference.covariance import NORMAL_95
 
@@ -81,16 +64,16 @@ def write_run_page(run: RunRows, out: Path) -> None:
 
 def _error_figure(out: Path, runs: Mapping[str, RunRows]) -> str:
     """Draw the error of each run, by the name of its law, in a panel; return the page's figure."""
-    fig, axes = new_figure(len(runs), 1.6 + 1.5 * len(runs))
+    fig, axes = page.new_figure(len(runs), 1.6 + 1.5 * len(runs))
     for axis, (law, run) in zip(axes, runs.items(), strict=True):
         found = target_error(run)
         assert found is not None
         in_decades, kelvin = found.unit == "dec", found.unit == "K"
         if in_decades:
-            axis.axhspan(-BAND_DEC, BAND_DEC, color=SHADE, zorder=0)
-        colour = COLOURS.get("temperature" if kelvin else law, COLOURS["measured"])
-        axis.axhline(0.0, color=EDGE, linewidth=0.6)
-        draw_line(axis, found.time_s, found.error, color=colour, linewidth=1.0)
+            axis.axhspan(-BAND_DEC, BAND_DEC, color=page.SHADE, zorder=0)
+        colour = page.COLOURS.get("temperature" if kelvin else law, page.COLOURS["measured"])
+        axis.axhline(0.0, color=page.EDGE, linewidth=0.6)
+        page.draw_line(axis, found.time_s, found.error, color=colour, linewidth=1.0)
         k = int(np.nanargmax(np.abs(found.error)))  # a dot where it is largest
         axis.plot(found.time_s[k : k + 1], found.error[k : k + 1], "o", color=colour, markersize=4)
         axis.set_ylabel(f"measured - wanted / {found.unit}" if kelvin else f"{law}: measured\n- wanted / {found.unit}")
@@ -99,7 +82,7 @@ def _error_figure(out: Path, runs: Mapping[str, RunRows]) -> str:
     text = f"The error over time, measured - wanted {what}."
     text += " Each law has its own scale." * (len(runs) > 1)
     text += f" Shaded: ± {BAND_DEC:g} decades." * in_decades
-    return saved(fig, out, "errors", text)
+    return page.saved(fig, out, "errors", text)
 
 
 def _courses(run: RunRows, out: Path, phase: str | None = None) -> str:
@@ -110,28 +93,28 @@ def _courses(run: RunRows, out: Path, phase: str | None = None) -> str:
     film = ["resistance_ohm", *own][-1]  # or another quantity that the meter's voltage stands for
     readings, wanted = run.column(film)[inside], run.column("setpoint_degC" if phase is None else "reference_degC")
     measured, wanted = bool(np.any(np.isfinite(readings))), wanted[inside]
-    fig, axes = new_figure(3, 7.6, [2.2, 1.3, 1.0]) if measured else new_figure(2, 5.0)
+    fig, axes = page.new_figure(3, 7.6, [2.2, 1.3, 1.0]) if measured else page.new_figure(2, 5.0)
     time = time if phase is None else time - time[0]
     drive, unit = drive_label(run)
-    panels = [(axes[-2], degC, wanted, "temperature / \N{DEGREE SIGN}C", COLOURS["temperature"])]
+    panels = [(axes[-2], degC, wanted, "temperature / \N{DEGREE SIGN}C", page.COLOURS["temperature"])]
     if measured:
         target = run.column("target_ohm" if film == "resistance_ohm" else f"target_{film}")[inside]
-        panels.append((axes[0], readings, target, film.replace("_", " / ", 1), COLOURS["measured"]))
+        panels.append((axes[0], readings, target, film.replace("_", " / ", 1), page.COLOURS["measured"]))
         if film == "resistance_ohm":
-            log_scale(axes[0])
+            page.log_scale(axes[0])
     for axis, read, asked, label, colour in panels:
-        draw_line(axis, time, read, color=colour, label="measured", linewidth=1.5)
+        page.draw_line(axis, time, read, color=colour, label="measured", linewidth=1.5)
         if np.any(np.isfinite(asked)):
-            style: dict[str, Any] = {"color": COLOURS["target"], "linestyle": (0, (4, 2)), "linewidth": 1.1}
-            draw_line(axis, time, asked, label="wanted", **style)
-            legend_above(axis)
+            style: dict[str, Any] = {"color": page.COLOURS["target"], "linestyle": (0, (4, 2)), "linewidth": 1.1}
+            page.draw_line(axis, time, asked, label="wanted", **style)
+            page.legend_above(axis)
         axis.set_ylabel(label)
-    axes[-1].axhline(0.0, color=EDGE, linewidth=0.6)
-    draw_line(axes[-1], time, current, held=True, color=COLOURS["current"], linewidth=0.9)
+    axes[-1].axhline(0.0, color=page.EDGE, linewidth=0.6)
+    page.draw_line(axes[-1], time, current, held=True, color=page.COLOURS["current"], linewidth=0.9)
     axes[-1].set(xlabel="time / s" if phase is None else "time of the target / s", ylabel=f"{drive} / {unit}")
     names = [*([film.partition("_")[0]] if measured else []), "temperature", f"{drive} (positive heats)"]
     dashed = "; dashed: what was wanted" if np.any(np.isfinite(wanted)) else ""
-    return saved(fig, out, "courses", f"{', '.join(names)}{dashed}.".capitalize())
+    return page.saved(fig, out, "courses", f"{', '.join(names)}{dashed}.".capitalize())
 
 
 def _facts(run: RunRows) -> str:
@@ -143,7 +126,7 @@ def _facts(run: RunRows) -> str:
     ended = f"Ended: {stop.get('reason', '?')}, {off}." if stop else "How it ended was not recorded."
     where = "SIMULATED rig" if simulated else "real rig"
     text = f"{start['at'][:16].replace('T', ' ')} UTC, {where}: {instruments}. {ended}"
-    return paragraph(f"{text} {_punctuality(stop.get('ticks', {}))}".strip(), "note")
+    return page.paragraph(f"{text} {_punctuality(stop.get('ticks', {}))}".strip(), "note")
 
 
 def _punctuality(ticks: Mapping[str, float]) -> str:
@@ -164,14 +147,14 @@ def _write_profile_page(run: RunRows, out: Path) -> None:
     seconds = float(run.column("time_s")[-1])
     numbers = [(str(run.rows), "rows"), (f"{seconds:.0f} s", "duration")]
     lead = f"{run.rows} rows over {seconds:.0f} s were recorded."
-    parts = [section("Courses", _courses(run, out))]
+    parts = [page.section("Courses", _courses(run, out))]
     if (error := target_error(run)) is not None:
         numbers += [(error.shown_rms, f"RMS error {COUNTED}"), (error.shown_largest, "largest error")]
         lead = f"The temperature was within {error.shown_rms} RMS of the wanted one {COUNTED}. {lead}"
-        parts.append(section("The error", _error_figure(out, {"temperature": run})))
+        parts.append(page.section("The error", _error_figure(out, {"temperature": run})))
     kind = str(run.document["start"]["what"])
     title = TITLES.get(kind, kind.replace("_", " ")).format(drive=drive_label(run)[0])
-    write_page(out / "report.html", f"{run.path.name}: {title}", lead, [_facts(run), tiles(numbers), *parts])
+    page.write_page(out / "report.html", f"{run.path.name}: {title}", lead, [_facts(run), page.tiles(numbers), *parts])
 
 
 def _write_tracking_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> None:
@@ -184,15 +167,15 @@ def _write_tracking_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) 
     calibration = inner[CALIBRATION].document.get("result") if CALIBRATION in inner else None
     parts = [
         _facts(run),
-        tiles(_numbers(run, mine, design, calibration)),
-        section(f"Wanted and measured {what.name}", _courses(run, out, TRACK)),
-        section("The error", _error_figure(out, {name: runs[name] for name in scores})),
-        section("The loop", _loop(run, what, out, own)),
+        page.tiles(_numbers(run, mine, design, calibration)),
+        page.section(f"Wanted and measured {what.name}", _courses(run, out, TRACK)),
+        page.section("The error", _error_figure(out, {name: runs[name] for name in scores})),
+        page.section("The loop", _loop(run, what, out, own)),
     ]
     if len(scores) > 1:
-        parts.append(section("The laws on the same target", _laws(runs, scores, own)))
+        parts.append(page.section("The laws on the same target", _laws(runs, scores, own)))
     parts += _further(out, inner)
-    parts.append(section("What the numbers mean", *_meanings(run, own, design, calibration)))
+    parts.append(page.section("What the numbers mean", *_meanings(run, own, design, calibration)))
     lead = (
         f"The law '{own}' kept the film within {_error(mine.rms, mine, 4)} RMS of the wanted {what.name} {COUNTED} "
         f"(95 % of it within {_error(mine.p95, mine, 3)}; at worst {_error(mine.max, mine, 3)}, "
@@ -201,7 +184,7 @@ def _write_tracking_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) 
     others = {name: one.rms / mine.rms for name, one in scores.items() if name != own}
     if others:
         lead += " " + " and ".join(f"{times:.1f} times better than '{name}'" for name, times in others.items()) + "."
-    write_page(out / "report.html", f"{run.path.name}: tracking a wanted {what.name}", lead, parts)
+    page.write_page(out / "report.html", f"{run.path.name}: tracking a wanted {what.name}", lead, parts)
 
 
 def _error(error: float, of: Score, digits: int) -> str:
@@ -219,7 +202,7 @@ def _further(out: Path, inner: Mapping[str, RunRows]) -> list[str]:
         return []
     texts = [name if name.startswith(CALIBRATION) else f"{LAW}{name}" for name in inner]
     addresses = [Path(os.path.relpath(one.part / "report.html", out)).as_posix() for one in inner.values()]
-    return [section("Further reports", links(zip(texts, addresses, strict=True)))]
+    return [page.section("Further reports", page.links(zip(texts, addresses, strict=True)))]
 
 
 def _numbers(
@@ -246,22 +229,22 @@ def _numbers(
 
 
 def _loop(run: RunRows, what: Tracked, out: Path, own: str) -> str:
-    fig, (axes,) = new_figure(1, 4.6)
+    fig, (axes,) = page.new_figure(1, 4.6)
     tracking, columns = run.column("phase") == TRACK, ("time_s", "temperature_degC", what.measured)
     parts = [
-        (~tracking, EDGE, "conditioning and approach"),
-        (tracking, COLOURS.get(own, COLOURS["measured"]), "tracking"),
+        (~tracking, page.EDGE, "conditioning and approach"),
+        (tracking, page.COLOURS.get(own, page.COLOURS["measured"]), "tracking"),
     ]
     for rows, colour, name in parts:
         time, degC, shown = (run.column(each)[rows] for each in columns)
-        draw_line(axes, time, shown, over=degC, color=colour, linewidth=1.1, label=name)
+        page.draw_line(axes, time, shown, over=degC, color=colour, linewidth=1.1, label=name)
     unit = "ohm" if what.in_ohm else what.unit
     axes.set(xlabel="temperature / \N{DEGREE SIGN}C", ylabel=f"{what.name} / {unit}")
     if what.in_ohm:
-        log_scale(axes)
+        page.log_scale(axes)
     axes.legend(loc="best")
     text = f"{what.name.capitalize()} over temperature: each turning point of the target begins a minor loop."
-    return saved(fig, out, "loop", text)
+    return page.saved(fig, out, "loop", text)
 
 
 def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) -> str:
@@ -285,7 +268,7 @@ def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) ->
         for law, one in scores.items()
     ]
     head = ["law", f"RMS / {unit}", f"95 % within / {unit}", f"largest / {unit}", "Ms", "RMS over that of " + own]
-    return table(head, rows, best=0)
+    return page.table(head, rows, best=0)
 
 
 def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> list[str]:
@@ -299,7 +282,7 @@ def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Ma
     if own in ("feedforward", "instrument_pid"):
         loops = {"feedforward": "No loop is closed", "instrument_pid": "The loop is closed by the controller's own PID"}
         texts.append(f"{loops[own]} under this law, so there are no margins to report.")
-        return [paragraph(text, "note") for text in texts]
+        return [page.paragraph(text, "note") for text in texts]
     ms, unit = f"{design['margins']['ms']:.2f}", drive_label(run)[1].replace("of full", "full")
     texts.append(
         f"The temperature PID was designed for a largest sensitivity of {ms} with a dead time of "
@@ -311,7 +294,7 @@ def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Ma
     if calibration is not None:
         doubts = " ".join(calibration.get("identifiability", [])[:2])
         texts.append(f"The law uses the model of the calibration (see its report). {doubts}")
-    return [paragraph(text, "note") for text in texts]
+    return [page.paragraph(text, "note") for text in texts]
 
 
 def _write_ended_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> None:
@@ -324,15 +307,17 @@ def _write_ended_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> 
     numbers = [(reason, "why it ended"), (f"{float(time[-1]):.1f} s", "duration"), (str(run.rows), "rows")]
     if (error := target_error(run)) is not None:
         numbers += [(error.shown_rms, "RMS error until then"), (error.shown_largest, "the largest")]
-    parts = [_facts(run), tiles(numbers), section("What was recorded", _courses(run, out))]
+    parts = [_facts(run), page.tiles(numbers), page.section("What was recorded", _courses(run, out))]
     if error is not None:
         note = f"Errors {COUNTED} that was recorded."
-        parts.append(section("The error", _error_figure(out, {_law_of(run): run}), paragraph(note, "note")))
+        parts.append(page.section("The error", _error_figure(out, {_law_of(run): run}), page.paragraph(note, "note")))
     events = _events(run.part / "events.jsonl")
     if events:
-        parts.append(section("What happened last", table(["time / s", "what", "more"], events, kind="words")))
+        parts.append(page.section("What happened last", page.table(["time / s", "what", "more"], events, kind="words")))
     title = what.removeprefix(LAW) if not what.startswith(LAW) else f"tracking a wanted {tracked(run).name}"
-    write_page(out / "report.html", f"{run.path.name}: {title}, ended early", lead, [*parts, *_further(out, inner)])
+    page.write_page(
+        out / "report.html", f"{run.path.name}: {title}, ended early", lead, [*parts, *_further(out, inner)]
+    )
 
 
 def _events(path: Path) -> list[list[str]]:
@@ -373,13 +358,13 @@ def _write_calibration_page(run: RunRows, out: Path) -> None:
     film = [_loops(run, out, predicted)]
     if predicted is not None:
         film.append(_residual(run, out, predicted))
-    unknown = bullets(doubts) if doubts else paragraph("Nothing: it determines film and plate.")
-    parts = [_facts(run), tiles(numbers), section("The film", *film)]
+    unknown = page.bullets(doubts) if doubts else page.paragraph("Nothing: it determines film and plate.")
+    parts = [_facts(run), page.tiles(numbers), page.section("The film", *film)]
     if result.get("transition"):
         parts.append(transition_section(out, result["transition"]))
-    parts.append(section(NOT_DETERMINED, unknown))
-    parts.append(section("The plate", plate_table(plate), _courses(run, out)))
-    write_page(out / "report.html", f"{run.path.name}: film and plate", lead, parts)
+    parts.append(page.section(NOT_DETERMINED, unknown))
+    parts.append(page.section("The plate", plate_table(plate), _courses(run, out)))
+    page.write_page(out / "report.html", f"{run.path.name}: film and plate", lead, parts)
 
 
 def _predicted(path: Path, rows: int) -> Array | None:
@@ -391,29 +376,29 @@ def _predicted(path: Path, rows: int) -> Array | None:
 
 
 def _loops(run: RunRows, out: Path, predicted: Array | None) -> str:
-    fig, (axes,) = new_figure(1, 4.8)
+    fig, (axes,) = page.new_figure(1, 4.8)
     time, degC, ohm = (run.column(name) for name in ("time_s", "temperature_degC", "resistance_ohm"))
     checked = run.column(PHASE) == "check"
     drawn: list[tuple[Any, Any, str, str, Any]] = [
-        (~checked, ohm, EDGE, "fitted rows", "-"),
-        (checked, ohm, BLUE, "held-out rows", "-"),
+        (~checked, ohm, page.EDGE, "fitted rows", "-"),
+        (checked, ohm, page.BLUE, "held-out rows", "-"),
     ]
     if predicted is not None:
-        drawn.append((checked, predicted, COLOURS["model"], "model", (0, (2, 2))))
+        drawn.append((checked, predicted, page.COLOURS["model"], "model", (0, (2, 2))))
     for rows, values, colour, name, style in drawn:
-        draw_line(axes, time[rows], values[rows], over=degC[rows], color=colour, linestyle=style, label=name)
+        page.draw_line(axes, time[rows], values[rows], over=degC[rows], color=colour, linestyle=style, label=name)
     axes.set(xlabel="temperature / \N{DEGREE SIGN}C", ylabel="resistance / ohm")
-    log_scale(axes)
+    page.log_scale(axes)
     axes.legend(loc="upper right")
     text = "Major and minor loops, and the model's prediction over the held-out minor loops."
-    return saved(fig, out, "loops", text)
+    return page.saved(fig, out, "loops", text)
 
 
 def _residual(run: RunRows, out: Path, predicted: Array) -> str:
-    fig, (axes,) = new_figure(1, 2.4)
+    fig, (axes,) = page.new_figure(1, 2.4)
     time = run.column("time_s")
     draw_residual(axes, time, residual_dec(run.column("resistance_ohm"), predicted))
     checked = time[run.column(PHASE) == "check"]
-    axes.axvspan(float(checked[0]), float(checked[-1]), color=SHADE, zorder=0)
+    axes.axvspan(float(checked[0]), float(checked[-1]), color=page.SHADE, zorder=0)
     axes.set(xlabel="time / s", ylabel=residual_label("dec"))
-    return saved(fig, out, "residual", "The residual of log10 R over time; shaded: held-out rows.")
+    return page.saved(fig, out, "residual", "The residual of log10 R over time; shaded: held-out rows.")

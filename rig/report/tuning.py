@@ -10,30 +10,13 @@ import numpy as np
 
 from compensator.control.margins import bearable_ms, frequencies, judged, worst_ms
 from rig.records.run_folder import plain_json
-from rig.report.figures import (
-    BLUE,
-    EDGE,
-    GOLD,
-    GREEN,
-    INK,
-    PURPLE,
-    RED,
-    SOFT,
-    bullets,
-    grid,
-    paragraph,
-    saved,
-    section,
-    table,
-    tiles,
-    write_page,
-)
+from rig.report import page
 
 if TYPE_CHECKING:
     from rig.experiment.tuning import WholeLaw
 
 # film slope over model slope, with its colour: right, the bounds of "Ms 1.6", and the largest judged
-SHOWN = {0.6: PURPLE, 1.0: BLUE, 1.5: GREEN, 2.2: GOLD}
+SHOWN = {0.6: page.PURPLE, 1.0: page.BLUE, 1.5: page.GREEN, 2.2: page.GOLD}
 
 
 def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], found: WholeLaw) -> None:
@@ -50,17 +33,17 @@ def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], foun
         (f"{found.rings_at_gain:.2f}", "plate gain, relative to the model's, at which the loop is unstable"),
     ]
     parts = [
-        tiles(numbers),
-        section(f"The loop, broken at the {place}", _figure(folder, found)),
-        section("Margins", _table(found), paragraph(_MEANING)),
+        page.tiles(numbers),
+        page.section(f"The loop, broken at the {place}", _figure(folder, found)),
+        page.section("Margins", _table(found), page.paragraph(_MEANING)),
     ]
     if found.refused:
-        parts.insert(0, section("Refused", bullets(found.refused)))
+        parts.insert(0, page.section("Refused", page.bullets(found.refused)))
     own = result["instrument_pid_gains"]
     if own["options"] is not None:
         lines = [f"{key} = {value:g}" for key, value in own["options"].items()] + list(own["commands"])
-        parts.append(section("Gains for the controller's own PID", bullets(lines)))
-    write_page(folder / "report.html", f"{name}: margins of the law '{found.name}'", verdict, parts)
+        parts.append(page.section("Gains for the controller's own PID", page.bullets(lines)))
+    page.write_page(folder / "report.html", f"{name}: margins of the law '{found.name}'", verdict, parts)
 
 
 _MEANING = (
@@ -79,17 +62,17 @@ def _table(found: WholeLaw) -> str:
         disk = f"{m.disk_gain:.2f}, {m.disk_phase_deg:.0f} deg"
         loop = [f"{m.gain_margin:.2f}", f"{m.phase_margin_deg:.0f}", f"{m.ms:.2f}", f"{bearable_ms(ratio):g}"]
         rows.append([f"{ratio:g}", *loop, f"{m.at_ohmmeter:.2f}", disk])
-    return table([*head, "disk: gain, phase"], rows)
+    return page.table([*head, "disk: gain, phase"], rows)
 
 
 def _figure(folder: Path, found: WholeLaw) -> str:
     """Draw Nyquist curve and |S| at the operating point with the smallest margins, for some slope ratios; return the
     page's figure."""
-    fig, axes = grid(1, 2, 4.4)
+    fig, axes = page.grid(1, 2, 4.4)
     nyquist, bode = axes[0]
     omega = frequencies(found.timing.period_s)
     curves = [(ratio, f"slope ratio {ratio:g}", shade) for ratio, shade in SHOWN.items()]
-    for ratio, label, shade in [*curves, (1.0, "at rest", RED)]:
+    for ratio, label, shade in [*curves, (1.0, "at rest", page.RED)]:
         points = [p for p in found.points if (p.way == "at rest") == (label == "at rest")]
         point = max(points, key=lambda p, ratio=ratio: worst_ms([p], ratio))  # type: ignore[misc]
         loop = judged(point, ratio, omega)
@@ -97,10 +80,10 @@ def _figure(folder: Path, found: WholeLaw) -> str:
         bode.plot(omega, 1.0 / np.abs(1.0 + loop), color=shade, label=label)
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     for ms, style, side in ((1.6, "--", 1.0), (2.0, ":", -1.0)):
-        nyquist.plot(-1.0 + np.cos(angle) / ms, np.sin(angle) / ms, style, color=EDGE, linewidth=1.0)
-        nyquist.annotate(f"Ms {ms:g}", (-1.0, side / ms), ha="center", va="bottom", fontsize=8.5, color=SOFT)
-        bode.axhline(ms, linestyle=style, color=EDGE, linewidth=1.0)
-    nyquist.plot([-1.0], [0.0], "+", color=INK, markersize=9)
+        nyquist.plot(-1.0 + np.cos(angle) / ms, np.sin(angle) / ms, style, color=page.EDGE, linewidth=1.0)
+        nyquist.annotate(f"Ms {ms:g}", (-1.0, side / ms), ha="center", va="bottom", fontsize=8.5, color=page.SOFT)
+        bode.axhline(ms, linestyle=style, color=page.EDGE, linewidth=1.0)
+    nyquist.plot([-1.0], [0.0], "+", color=page.INK, markersize=9)
     nyquist.set(xlim=(-2.5, 1.0), ylim=(-2.5, 1.0), xlabel="Re L", ylabel="Im L", aspect="equal")
     bode.set(
         xscale="log", xlabel="frequency / rad/s", ylabel="|S| = |1 / (1 + L)|", xlim=(1e-2, omega[-1]), ylim=(0.0, 2.5)
@@ -110,4 +93,4 @@ def _figure(folder: Path, found: WholeLaw) -> str:
         "Left: Nyquist curves of the whole loop, and the circles of radius 1 / Ms about -1 that they must not "
         "enter. Right: sensitivity, the factor by which the loop changes an error at each frequency."
     )
-    return saved(fig, folder, "margins", caption)
+    return page.saved(fig, folder, "margins", caption)

@@ -336,7 +336,7 @@ def test_a_page_runs_as_printed(
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda **more: [])  # nobody's rig is spoken to
-    monkeypatch.setattr("rig.report.figures.svg_text", lambda figure: "<svg></svg>")  # drawn where they are tested
+    monkeypatch.setattr("rig.report.page.svg_text", lambda figure: "<svg></svg>")  # drawn where they are tested
     bench = Bench(page, tmp_path, capsys)
     try:
         for block in blocks(page):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.report.batch import _records_table as many_table
-from rig.report.figures import paragraph, section, table, tiles, write_page
+from rig.report.page import paragraph, section, table, tiles, write_page
 
 NARROW = 400  # a telephone's width, px
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.report.figures import MOST_POINTS, log_scale, new_figure, saved, thinned
+from rig.report.page import MOST_POINTS, log_scale, new_figure, saved, thinned
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from matplotlib.lines import Line2D
 from rig.analysis.error import RESIDUAL, residual, residual_dec
 from rig.records.record_file import read_record, write_columns
 from rig.report.diagnosis import residuals
-from rig.report.figures import BLUE, DARK, GOLD, GREEN, PAPER, PURPLE, RED, draw_line, new_figure
+from rig.report.page import BLUE, DARK, GOLD, GREEN, PAPER, PURPLE, RED, draw_line, new_figure
 from sim.inference.record.quantity import Quantity
 from tests.rig.small import MODEL, write_bench
 from tests.sim.diagnosis.plate_record import levels, record
