@@ -223,7 +223,6 @@ class Bench:
         self._trouble: str | None = "not asked yet"
 
     async def watch(self) -> None:
-        """Ask the bench for its state, for ever."""
         while True:
             began_s = time.monotonic()
             await self._look()
@@ -289,11 +288,9 @@ class Benches:
         return {"time_s": time.time(), "version": __version__, "benches": benches}
 
     async def state(self, request: Request) -> Response:
-        """Reply with all benches at this moment."""
         return json_reply(self.current())
 
     async def events(self, request: Request) -> Response:
-        """Send all benches as they change, until the viewer goes."""
         return events_reply(self._viewers, self.current)
 
     async def stop(self, request: Request) -> Response:
@@ -311,7 +308,6 @@ class Benches:
         return json_reply(answer, status)
 
     async def session(self, request: Request) -> Response:
-        """Begin a session of a caller with the token."""
         return await begin_session(request, self._sessions)
 
     @contextlib.asynccontextmanager
@@ -338,7 +334,6 @@ class Benches:
 
 
 def application(content: Overview) -> Starlette:
-    """Return the application of a configuration."""
     table = content.overview
     sessions = Sessions(table.token.get_secret_value() if table.token is not None else None)
     benches = Benches(content, sessions)

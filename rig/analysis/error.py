@@ -76,7 +76,6 @@ class Tracked:
 
     @property
     def name(self) -> str:
-        """Name for people."""
         return self.measured.partition("_")[0]
 
 
@@ -116,7 +115,6 @@ class Score:
         }
 
     def in_words(self) -> str:
-        """Return the score for a line on the terminal."""
         return (
             f"RMS error {shown_error(self.rms, self.unit, 4)}, largest {shown_error(self.max, self.unit, 3)}, "
             f"at {self.max_at_s:.1f} s ({COUNTED})"
@@ -161,22 +159,18 @@ class TargetError:
 
     @property
     def rms(self) -> float:
-        """RMS error."""
         return rms(self.error)
 
     @property
     def largest(self) -> float:
-        """Largest error, without its sign."""
         return largest(self.error)
 
     @property
     def shown_rms(self) -> str:
-        """RMS error for people."""
         return shown_error(self.rms, self.unit, 4)
 
     @property
     def shown_largest(self) -> str:
-        """Largest error for people."""
         return shown_error(self.largest, self.unit, 3)
 
     def document(self) -> dict[str, float]:

@@ -69,7 +69,6 @@ class Identified:
     drive: str | None = None
 
     def lines(self) -> list[str]:
-        """Return the lines that `peltier identify` prints."""
         several = len(self.records) > 1
         lines = [f"{r.source}: {line}" if several else line for r in self.records for line in r.left_out_lines()]
         if self.film is not None:
@@ -80,7 +79,6 @@ class Identified:
         return lines
 
     def document(self) -> dict[str, Any]:
-        """Return the JSON of `peltier identify`."""
         result: dict[str, Any] = {
             "format": "peltier-identification/1",
             "records": [record.source for record in self.records],
@@ -274,7 +272,6 @@ def _film_fit(records: Sequence[Record], output: str, courses: Sequence[Array | 
 
 
 def _fault_of(records: Sequence[Record], error: ValueError) -> Faults:
-    """Return the fault with the record that it is about."""
     text = str(error)
     if any(text.startswith(record.source) for record in records):
         return Faults([text])

@@ -213,12 +213,10 @@ class ChannelError:
         return residual(self.measured, self.predicted, self.name)
 
     def in_words(self) -> str:
-        """Return a line for people."""
         sizes = f"RMSE {self.rmse:.4f} {self.unit}, largest {self.max_abs:.4f} {self.unit}"
         return f"{self.what}: {sizes}, mean of {RESIDUAL} {self.mean_residual:+.4f} {self.unit}, {self.rows} rows"
 
     def document(self) -> dict[str, Any]:
-        """Return the numbers as the JSON of `peltier predict` has them."""
         return {
             f"rmse_{self.unit}": self.rmse,
             f"max_abs_{self.unit}": self.max_abs,

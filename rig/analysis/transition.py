@@ -57,7 +57,6 @@ class FilmNumbers:
 
     @property
     def unit(self) -> str:
-        """Unit of the output."""
         return unit_of(self.output)
 
     def rows(self) -> list[tuple[str, str]]:

@@ -176,7 +176,6 @@ class Series:
 
     @property
     def seen(self) -> int:
-        """Number of runs in which the effect was named."""
         return int(np.sum(np.isfinite(self.value)))
 
     @property
@@ -185,7 +184,6 @@ class Series:
         return self.at[self.change.since] if self.change is not None else ""
 
     def row(self) -> dict[str, Any]:
-        """Return the series as a row of a table."""
         row: dict[str, Any] = {"rig": self.rig, "effect": self.effect, "parameter": self.parameter}
         row |= {"named_in": self.seen, "of": len(self.at), "since": self.since}
         if self.change is not None:
@@ -199,7 +197,6 @@ class Series:
         return {key: value for key, value in row.items() if not (isinstance(value, float) and math.isnan(value))}
 
     def in_words(self) -> str:
-        """Return a line for people."""
         name = f"{self.effect} {self.parameter}"
         seen = f"named in {self.seen} of {len(self.at)} runs"
         c = self.change

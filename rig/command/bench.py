@@ -357,7 +357,6 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
 
 
 def _still_held(error: PortHeld) -> PortHeld:
-    """Add what is known of the output then, and what to do."""
     end = "stopping that process" if error.pid is None else f"`kill {error.pid}`, or Ctrl-C where it runs,"
     error.add_note(
         "nothing was sent, and the output may be on: "

@@ -307,7 +307,6 @@ def _run_again(
 
 
 def _compared(improvement: Improvement, found: Improvable, second: Path) -> Improvement:
-    """Add the result of the second run."""
     from rig.analysis.error import target_error
     from rig.experiment.improvement import gain_of
     from rig.records.run_folder import recorded_run
@@ -318,7 +317,6 @@ def _compared(improvement: Improvement, found: Improvable, second: Path) -> Impr
 
 
 def _report(improvement: Improvement, terminal: Terminal) -> None:
-    """Report to the terminal, as a page and as JSON."""
     from rig.core.file_writing import write_text
     from rig.records.run_folder import plain_json
     from rig.report.improvement import lines, write_improvement

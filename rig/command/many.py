@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 
 def add_engine_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add --workers, --engine, --address."""
     parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one a core")
     parser.add_argument(
         "--engine", default="processes", metavar="NAME", help="processes (default) or dask (extra 'cluster')"
@@ -45,7 +44,6 @@ def announce_refused(records: Sequence[Record | Refused]) -> None:
 
 
 def print_refused(records: Sequence[Record | Refused]) -> None:
-    """Print why records are refused."""
     for line in (line for record in records if isinstance(record, Refused) for line in record.faults):
         print(line, file=sys.stderr)
 

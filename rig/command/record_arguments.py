@@ -132,12 +132,10 @@ def add_effect_file_argument(parser: argparse.ArgumentParser, which: str = "") -
 
 
 def add_json_argument(parser: argparse.ArgumentParser) -> None:
-    """Add --json."""
     parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
 
 
 def add_output_argument(parser: argparse.ArgumentParser) -> None:
-    """Add --output."""
     parser.add_argument(
         "--output",
         default=FALLING_RESISTANCE,

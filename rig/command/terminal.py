@@ -35,13 +35,11 @@ class Terminal:
         self._line: PatientLine | None = None
 
     def print(self, text: str) -> None:
-        """Print a line, in place of the progress line."""
         if self._line is not None:
             self._line.clear()
         print(text, file=self._stream, flush=True)
 
     def write_json(self, value: Any) -> None:
-        """Write the JSON, if --json is given."""
         from rig.records.run_folder import plain_json  # with numpy, which a process behind its guard does without
 
         if self._json == "-":
@@ -66,7 +64,6 @@ class Terminal:
 
 
 def to_stderr(text: str) -> None:
-    """Print a line on stderr at once."""
     print(text, file=sys.stderr, flush=True)
 
 
@@ -94,7 +91,6 @@ class Progress(Onlooker):
         self._now = (name, done_s, of_s)
 
     def tick(self, tick: Tick) -> None:
-        """Show the line, if it is due."""
         if tick.time_s < self._run_s:
             self._before_s += self._run_s
         self._run_s = tick.time_s
@@ -103,7 +99,6 @@ class Progress(Onlooker):
 
     @property
     def elapsed_s(self) -> float:
-        """Time since the first run began, s."""
         return self._before_s + self._run_s
 
     @property
@@ -113,7 +108,6 @@ class Progress(Onlooker):
         return max(of_s - done_s, 0.0) + sum(seconds for _, seconds in self._coming)
 
     def in_words(self, tick: Tick) -> str:
-        """Return the line."""
         total = f"{clock(self.elapsed_s)} of {self._about} {clock(self.elapsed_s + self.to_go_s)}"
         parts = [f"{tick.phase:<9} {total}, {clock(self.to_go_s)} to go", number(_value(tick.temperature), "degC", 2)]
         if self._quantity:
@@ -146,7 +140,6 @@ class CaseProgress:
         self._line.clear()
 
     def show(self, done: int, of: int) -> None:
-        """Show that `done` of `of` cases have ended."""
         if self._first is None:
             self._first = done - 1
         since_s = time.monotonic() - self._began_s
@@ -159,6 +152,5 @@ class CaseProgress:
         self._line.clear()
 
     def print(self, text: str) -> None:
-        """Print a line that stays."""
         self.clear()
         print(text, file=sys.stderr, flush=True)

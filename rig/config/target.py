@@ -71,7 +71,6 @@ class Target:
 
 
 def target_column(quantity: str) -> str:
-    """Return the name of a target's column."""
     return COLUMNS.get(quantity, f"target_{quantity}")
 
 
@@ -130,7 +129,6 @@ class _Course:
         self.values: list[float] = []
 
     def add(self, after_s: float, value: float) -> None:
-        """Add a point some time after the last one."""
         self.times.append(max(self.times[-1] + after_s, self.times[-1] + SHORTEST_S))
         self.values.append(value)
 

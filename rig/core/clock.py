@@ -36,7 +36,6 @@ class RealClock:
         return _since_start_s()
 
     def sleep_until_s(self, time_s: float) -> None:
-        """Sleep; a time in the past returns at once."""
         remaining_s = time_s - _since_start_s()
         if remaining_s > 0.0:
             time.sleep(remaining_s)
@@ -53,7 +52,6 @@ class VirtualClock:
         self._now_s = start_s
 
     def now_s(self) -> float:
-        """Seconds since the experiment began."""
         return self._now_s
 
     def sleep_until_s(self, time_s: float) -> None:

@@ -48,5 +48,4 @@ def require(verb: str) -> None:
 
 
 def has_unix_sockets() -> bool:
-    """Return True if a daemon could listen here."""
     return hasattr(socket, "AF_UNIX")

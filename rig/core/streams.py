@@ -32,11 +32,9 @@ class TerminalLine:
         self._length = 0
 
     def due(self) -> bool:
-        """Return True if it is time to show something again."""
         return self._now_s() - self._shown_s >= (REWRITTEN_S if self._terminal else NEW_LINE_S)
 
     def show(self, text: str) -> None:
-        """Show a text in place of the one before."""
         self._shown_s = self._now_s()
         if not self._terminal:
             print(text, file=self._stream, flush=True)
@@ -70,11 +68,9 @@ class PatientLine:
         threading.Thread(target=self._write, name="progress", daemon=True).start()
 
     def due(self) -> bool:
-        """Return True if it is time to show something again."""
         return self._line.due()
 
     def show(self, text: str) -> None:
-        """Show a text soon, in place of the one before."""
         with self._changed:
             self._text = text
             self._changed.notify()
@@ -112,7 +108,6 @@ class PatientLines:
         self._thread: threading.Thread | None = None
 
     def __call__(self, line: str) -> None:
-        """Write a line soon."""
         with contextlib.suppress(queue.Full):
             self._lines.put_nowait(line)
         with self._beginning:
@@ -177,12 +172,10 @@ class _Lasting:
         self._stream, self._instead = stream, instead
 
     def write(self, text: str) -> int:
-        """Write a text, here or elsewhere."""
         self._lasting(lambda: self._stream.write(text))
         return len(text)
 
     def flush(self) -> None:
-        """Write what waits, here or elsewhere."""
         self._lasting(self._stream.flush)
 
     def _lasting(self, act: Any) -> None:

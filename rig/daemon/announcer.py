@@ -36,7 +36,6 @@ class Announcer:
         return listener
 
     def leave(self, listener: queue.Queue[bytes | None]) -> None:
-        """Remove a listener."""
         with self._lock, contextlib.suppress(ValueError):
             self._listeners.remove(listener)
 
@@ -56,7 +55,6 @@ class Announcer:
                     listener.put_nowait(None)
 
     def close(self) -> None:
-        """Let all listeners go."""
         with self._lock:
             for listener in self._listeners:
                 with contextlib.suppress(queue.Full):

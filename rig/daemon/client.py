@@ -83,7 +83,6 @@ class Client:
                 yield {"event": name, "data": json.loads(text)}
 
     def close(self) -> None:
-        """Close the connection."""
         self._file.close()
         self._socket.close()
 
@@ -96,7 +95,6 @@ class Client:
             raise NoDaemon(f"the daemon at {self.path} has gone ({error})") from None
 
     def _head(self) -> tuple[int, int]:
-        """Return status and length of an answer."""
         try:
             status, length = int(self._line().split()[1]), 0
             while line := self._line():
@@ -241,7 +239,6 @@ def bench_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def json_argument(parser: argparse.ArgumentParser) -> None:
-    """Add --json FILE."""
     parser.add_argument("--json", metavar="FILE", help="write the answer as JSON; - is stdout")
 
 

@@ -135,7 +135,6 @@ class JobQueue:
         return None
 
     def take_waiting(self) -> list[Job]:
-        """Take all waiting jobs out, the oldest first."""
         with self._lock:
             waited, self._waiting = self._waiting, []
             return waited
@@ -145,7 +144,6 @@ class JobQueue:
         return self._known.get(number)
 
     def keep(self, job: Job) -> None:
-        """Keep a job that has ended."""
         with self._lock:
             if self.running is job:
                 self.running = None
@@ -197,7 +195,6 @@ class Gaps:
             self._longest_s = max(self._longest_s, between_s)
 
     def table(self) -> dict[str, Any]:
-        """Return the gaps as `state` shows them."""
         return {"count": self._count, "longest_s": self._longest_s, "total_s": self._total_s}
 
 
@@ -389,7 +386,6 @@ class CommandQueue:
 
     @property
     def confirmed(self) -> bool:
-        """True if the state of the output is known."""
         return self.output != "unknown"
 
     def output_now(self, word: Literal["on", "off"], confirmed: bool = True) -> None:
@@ -436,14 +432,12 @@ class CommandQueue:
         self.changed()
 
     def enter_in_log(self, text: str) -> None:
-        """Log a line with the time of day."""
         self._log(f"{self._time_of_day()} {text}")
 
     def _time_of_day(self) -> str:
         return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.label_s()))
 
     def job_changed(self, job: Job) -> None:
-        """Save, announce and log a job's new state."""
         table = job.table()
         self.writer.do(lambda store: store.save_job(table))
         self.enter_in_log(job_in_words(table))
@@ -451,7 +445,6 @@ class CommandQueue:
         self.changed()
 
     def changed(self) -> None:
-        """Announce the state."""
         self.announcer.announce("state", self.state())
 
     # -- commands ------------------------------------------------------------------------------------------------
@@ -524,7 +517,6 @@ class CommandQueue:
         return running
 
     def _taken_out(self, job: Job, reason: str) -> None:
-        """End a job that waited."""
         job.state, job.reason, job.ended_s = "stopped", reason, self.label_s()
         job.exit_status = JobStopped.exit_status
         self.queue.keep(job)
@@ -557,7 +549,6 @@ class CommandQueue:
         return found
 
     def warnings(self) -> list[str]:
-        """Return the warnings for people."""
         found = list(self.notes)
         if (trouble := self.latch_store.trouble()) is not None:
             found.append(f"the latch cannot be written, no job starts: {trouble}")
@@ -613,7 +604,6 @@ class CommandQueue:
         }
 
     def _progress(self, job: Job, now_s: float) -> dict[str, Any]:
-        """Return the running job with its progress."""
         phase = self.phase
         name, began_s, total_s = phase if phase is not None else ("working", now_s, 0.0)
         done_s = min(now_s - began_s, total_s)

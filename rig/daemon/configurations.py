@@ -159,7 +159,6 @@ def _is_number(value: object) -> bool:
 
 
 def _has_plate(model: Path | None) -> bool:
-    """Return True if the model file has a plate."""
     if model is None or not model.is_file():
         return False
     try:

@@ -59,7 +59,6 @@ class _Progress:
     folder: str | None = None
 
     def take(self, event: str, data: dict[str, Any], number: str) -> None:
-        """Take an event."""
         if event == "state":
             running = data["job"]["id"] if data["job"] is not None else None
             self.begun = self.begun or running == number

@@ -220,13 +220,11 @@ class UnixServer:
         self._silent_since_s: dict[socket.socket, float] = {}  # infinity while a request is answered
 
     def start(self, requests: Requests) -> None:
-        """Answer from now on."""
         self.requests = requests
         self._listener.listen(MOST_CONNECTIONS)
         threading.Thread(target=self._accept, name="HTTP server", daemon=True).start()
 
     def close(self) -> None:
-        """Listen no more."""
         self._ended.set()
         with contextlib.suppress(OSError):
             self._listener.close()

@@ -43,7 +43,6 @@ class _End:
 
 
 def _end_by(error: BaseException) -> _End:
-    """Return the end of a job by an exception."""
     if isinstance(error, JobStopped):
         return _End("stopped", str(error), error.exit_status)
     if isinstance(error, Stopped):
@@ -175,7 +174,6 @@ class JobRun(Onlooker):
         self._bench.guard.records("")
 
     def _write_reports(self) -> None:
-        """Write the reports of a job that ended early."""
         part = part_of(self._job.out)
         if self._pass.void is None and _is_folder(part):
             write_missing_reports(part)

@@ -87,11 +87,9 @@ class Latch:
     after: int = 0  # rows since
 
     def table(self) -> dict[str, Any]:
-        """Return the latch as `state` shows it."""
         return {"cause": self.cause, "text": self.text, "at_s": self.at_s, "rows": len(self.rows)}
 
     def document(self) -> dict[str, Any]:
-        """Return the latch as the history keeps it."""
         more = {"rows": self.rows, "cleared_s": self.cleared_s, "cleared_because": self.cleared_because}
         return {**self.table(), **more, "state": self.state}
 
@@ -154,7 +152,6 @@ class LatchStore:
 
     @property
     def on_disk(self) -> bool:
-        """True if the file is up to date."""
         return self._written == self._asked
 
     def trouble(self) -> str | None:

@@ -53,7 +53,6 @@ class Nightly:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread and its process."""
         self._ending.set()
         if self._thread is not None:
             self._thread.join(ENDS_S)

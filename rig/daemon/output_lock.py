@@ -52,7 +52,6 @@ class JobPass:
         self._lock.check()
 
     def check_void(self) -> None:
-        """Raise the reason why the pass is void."""
         if self.void is not None:
             raise self.void
 
@@ -94,18 +93,15 @@ class OutputLock:
         return Off(confirmed, self._now_s() - begin, evidence)
 
     def open(self) -> None:
-        """Let a job pass."""
         with self._closing:
             self.closed = None
             self.changed.clear()
 
     def check(self) -> None:
-        """Raise the reason why the lock is closed."""
         if self.closed is not None:
             raise self.closed
 
     def controller_for_job(self, controller: TemperatureController, by: JobPass) -> TemperatureController:
-        """Return the controller as a job may use it."""
         locked = _Locked(controller, self._lock, by.check, by.check_void)
         vars(locked)["off"] = lambda: self._off_by_job(controller, by)
         return cast(TemperatureController, locked)
@@ -148,7 +144,6 @@ class StoppableClock:
         self.latest_s = 0.0
 
     def now_s(self) -> float:
-        """Return the seconds of the clock below."""
         return self._clock.now_s()
 
     def sleep_until_s(self, time_s: float) -> None:

@@ -86,7 +86,6 @@ def _off_first(file: ConfigurationFile, guard: Guard, notifier: Notifier) -> Non
 
 
 def _token_notes(file: ConfigurationFile) -> list[str]:
-    """Return which tokens are required, without the tokens."""
     table = file.content.serve
     if table.token is None:
         return []

@@ -228,7 +228,6 @@ class Supervisor:
             self._pause(due - clock.now_s())
 
     def _pause(self, seconds: float) -> None:
-        """Sleep, or until a command comes."""
         if self._commands.wake.wait(max(0.0, seconds)):
             self._commands.wake.clear()
 

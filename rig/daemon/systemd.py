@@ -61,7 +61,6 @@ class Notifier:
         self.send(f"EXTEND_TIMEOUT_USEC={math.ceil(1e6 * within_s)}")
 
     def close(self) -> None:
-        """Send nothing more."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

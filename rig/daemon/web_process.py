@@ -104,7 +104,6 @@ class WebProcess:
             return self._process
 
     def stop(self) -> None:
-        """End the process, by force after some seconds."""
         self._ending.set()
         with self._starting:
             process = self._process

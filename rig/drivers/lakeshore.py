@@ -84,7 +84,6 @@ class LakeShoreLink(ScpiLink):
         return _is_number(text.strip().encode("latin-1"), self._left)
 
     def command(self, message: str) -> None:
-        """Send a command, and raise Refused with the error that it left."""
         self._take_errors(self.ask(f"{message};*ESR?"))
         if self.errors:
             raise Refused(self.errors[0][0], f"{self.errors[0][1]}: {message}")

@@ -126,7 +126,6 @@ class MecomLink:
         return self._exchange(payload, False, trials)
 
     def command(self, payload: bytes, trials: int = TRIALS) -> None:
-        """Send a command that is acknowledged. Errors as `query`."""
         self._exchange(payload, True, trials)
 
     def read_float(self, parameter: int, trials: int = TRIALS) -> float:
@@ -135,16 +134,13 @@ class MecomLink:
         return value
 
     def read_int(self, parameter: int, trials: int = TRIALS) -> int:
-        """Return an INT32 parameter."""
         value: int = _int32.unpack(self._read(parameter, trials))[0]
         return value
 
     def write_float(self, parameter: int, value: float, trials: int = TRIALS) -> None:
-        """Set a FLOAT32 parameter."""
         self._exchange(self._setting(parameter, _float32, value), True, trials)
 
     def write_int(self, parameter: int, value: int, trials: int = TRIALS) -> None:
-        """Set an INT32 parameter."""
         self._exchange(self._setting(parameter, _int32, value), True, trials)
 
     def _setting(self, parameter: int, form: struct.Struct, value: float) -> bytes:

@@ -157,7 +157,6 @@ class ScpiLink(SteppedLink):
         return self._token % 255 + 1
 
     def _receive_answer(self, deadline_s: float) -> bytes:
-        """Return the answers to the message that was sent, in one line."""
         return self.transport.receive_line(self.TERMINATOR, deadline_s)
 
     def _send(self, message: str, answer_s: float) -> None:

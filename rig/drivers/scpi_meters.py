@@ -127,7 +127,6 @@ class ScpiMeter(Meter):
         raise NotImplementedError
 
     def _of_function(self, name: str, value: str | None, reads: Expected | None = None) -> Setting:
-        """Return a setting of the function that is measured."""
         return Setting(f"{self.SENSE}{self._function}:{name}", value, reads)
 
     def _of_range(self, index: int) -> list[Setting]:
@@ -308,7 +307,6 @@ class ScpiMeter(Meter):
             self._chosen = index
 
     def _apply(self) -> None:
-        """Send all settings and read them back."""
         self._rests = False
         self.test_current_on_s = nan
         for message in self._settings(self._chosen):

@@ -79,7 +79,6 @@ class SrsLink(ScpiLink):
     _questions = 1
 
     def command(self, message: str) -> None:
-        """Send a command, and raise Refused with the error that it left."""
         self.ask(message)
         self.check(message)
 
@@ -264,7 +263,6 @@ class SrsLdc500Controller(TemperatureController):
         self._set("TMOD", MODES[commands])
 
     def _send(self, commands: str, value: float, arming: bool) -> None:
-        """Set TCUR or TEMP, read back."""
         name, resolution = ("TCUR", RESOLUTION_A) if commands == CURRENTS else ("TEMP", RESOLUTION_K)
         value = self._heating_sign * value if commands == CURRENTS else value
         (self._set if arming else self._set_fast)(name, value, resolution)
@@ -274,7 +272,6 @@ class SrsLdc500Controller(TemperatureController):
         wait_until_on(self.transport.clock, self.status)
 
     def _set(self, name: str, value: float, resolution: float = 0.0) -> None:
-        """Set, read back, and ask for errors."""
         self._set_fast(name, value, resolution)
         self.link.check(f"{name} {value:g}")
 

@@ -197,7 +197,6 @@ class TcLabController(TemperatureController):
         self._percent = 0.0
 
     def _send(self, commands: str, value: float, arming: bool) -> None:
-        """Set the drive, read back."""
         percent = 100.0 * value
         self._set(f"Q{self._heater}", percent)
         self._percent = percent

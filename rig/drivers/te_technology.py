@@ -448,7 +448,6 @@ class TeTechnologyController(TemperatureController):
         return OwnLimits(low_degC=self._degC(low), high_degC=self._degC(high))
 
     def _send(self, commands: str, value: float, arming: bool) -> None:
-        """Set the temperature (1c), read back."""
         self._set(b"1c", b"50", self._fixed(value))
 
     def _switch_on(self, commands: str) -> None:

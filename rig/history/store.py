@@ -182,7 +182,6 @@ class FolderLock:
         tell_holder(self._folder / LOCK)
 
     def close(self) -> None:
-        """Release the locks."""
         for descriptor in self._descriptors:
             os.close(descriptor)
         self._descriptors = []
@@ -221,7 +220,6 @@ class Store:
             self._connection.executemany(_INSERT, values)
 
     def save_job(self, job: dict[str, Any]) -> None:
-        """Save a job by its id."""
         self._connection.execute(
             "INSERT INTO job (id, queued_s, document) VALUES (?, ?, ?) "
             "ON CONFLICT (id) DO UPDATE SET document = excluded.document",
@@ -243,7 +241,6 @@ class Store:
         return [json.loads(row[0]) for row in found][::-1]
 
     def last_trip(self) -> tuple[int, dict[str, Any]] | None:
-        """Return the newest trip with its number."""
         row = self._connection.execute("SELECT id, document FROM trip ORDER BY id DESC LIMIT 1").fetchone()
         return (int(row[0]), json.loads(row[1])) if row else None
 

@@ -114,7 +114,6 @@ class Writer:
             self.do(_no_work)  # so that it is tried again
 
     def start(self) -> None:
-        """Start the thread."""
         self._thread.start()
 
     def row(self, row: dict[str, Any], clock_s: float) -> None:
@@ -133,7 +132,6 @@ class Writer:
             self._changed.notify_all()
 
     def do(self, work: Work) -> None:
-        """Do other work on the store, in order with the rows."""
         with self._changed:
             self._waiting.append(work)
             self._changed.notify_all()
@@ -213,7 +211,6 @@ class Writer:
         return list(itertools.takewhile(lambda row: not row.shown, rows))[::-1]
 
     def _head(self) -> list[_Row] | Work:
-        """Return what waits first: some rows, or other work."""
         if self._waiting and not isinstance(self._waiting[0], _Row):
             return self._waiting[0]
         first = itertools.islice(self._waiting, AT_ONCE)

@@ -144,7 +144,6 @@ class Serial(SerialBase):
         return len(data)
 
     def reset_input_buffer(self) -> None:
-        """Discard what has arrived by now."""
         self._require_line()
         self._instrument.transmit(self._clock.now_s())
         self._buffer = b""

@@ -158,7 +158,6 @@ class Serial(SerialBase):
         self._buffer = b""
 
     def reset_input_buffer(self) -> None:
-        """Discard the rest of the last message."""
         self._require()
         self._buffer = b""
 
@@ -174,7 +173,6 @@ class Serial(SerialBase):
 
 
 def _as_pyserial(error: BaseException, name: str = "") -> SerialException:
-    """Return the exception that pyserial would have raised."""
     code, text = getattr(error, "abbreviation", ""), f"{name}: {error}" if name else str(error)
     if code == TIMED_OUT:
         return SerialTimeoutException(text)

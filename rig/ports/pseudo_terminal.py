@@ -53,11 +53,9 @@ class PseudoTerminals:
         self._began_s = time.monotonic()
 
     def now_s(self) -> float:
-        """Return the simulated time, s."""
         return self._start_s + (time.monotonic() - self._began_s) * self._speed
 
     def start(self) -> None:
-        """Serve in a thread of its own."""
         self._began_s = time.monotonic()
         self._thread = threading.Thread(target=self._serve_safely, name="pseudo-terminals", daemon=True)
         self._thread.start()

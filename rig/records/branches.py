@@ -74,7 +74,6 @@ def split_branches(table: Table, asked: bool) -> dict[str, Table]:
 
 
 def _columns_of_branches(table: Table, asked: bool) -> dict[str, Table]:
-    """Return the tables of branches that stand side by side."""
     named = [branch_in_name(column.name) for column in table.columns]
     if asked and has_repeated_names([column.name for column in table.columns]):
         half = len(named) // 2

@@ -80,7 +80,6 @@ class ColumnChoice:
         self._numbers: dict[tuple[int, str | None], Numbers] = {}
 
     def free(self) -> list[int]:
-        """Return the columns that are not chosen."""
         taken = {choice.index for choice in self.chosen.values()} | set(self.renamed)
         return [k for k in range(len(self.names)) if k not in taken]
 
@@ -117,7 +116,6 @@ class ColumnChoice:
         return ", ".join(name[:60] for name in self.shown[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
     def choose_typed(self, mappings: Sequence[ColumnMapping]) -> None:
-        """Choose what the user typed with --column."""
         for mapping in mappings:
             ours, k = mapping.ours, mapping.find(self.names)
             if k is None:
@@ -263,7 +261,6 @@ class ColumnChoice:
                     self.notes.append(f"{self.shown[k]!r} left out: {why}; if it is {ours}, {options}")
 
     def _reason(self, k: int) -> str:
-        """Return why a column was not chosen."""
         meaning = self.meanings[k]
         if meaning.doubt:
             return meaning.doubt

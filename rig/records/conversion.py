@@ -55,7 +55,6 @@ class _Check:
     names: Sequence[str]
 
     def all(self) -> list[str]:
-        """Return a line for each column that is not plausible."""
         if self.values["time_s"].size < 2:
             return [f"{self.table.source}: {self.values['time_s'].size} rows: expected at least 2"]
         with np.errstate(over="ignore", invalid="ignore"):
@@ -129,7 +128,6 @@ class _Check:
         return self._line(text + anew * int(time[k] <= time[0]), k, back)
 
     def resistance(self) -> list[str]:
-        """Check that resistances are positive, and no conductances."""
         resistance = self.values.get("resistance_ohm")
         if resistance is None:
             return []

@@ -295,7 +295,6 @@ def _objects(content: Any, path: Path) -> list[tuple[str, str]]:
 
 
 def _vectors(content: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Yield names and vectors of a file or a struct."""
     items = content.items() if isinstance(content, dict) else ((n, getattr(content, n)) for n in content._fieldnames)
     for name, value in items:
         values = np.asarray(value)

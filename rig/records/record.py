@@ -93,7 +93,6 @@ class Record:
         return describe_false_readings(self.left_out, self["time_s"])
 
     def left_out_document(self) -> list[dict[str, Any]]:
-        """Return the false temperatures for the JSON."""
         return [{"record": self.source, **one.document(self["time_s"])} for one in self.left_out]
 
     def raw_columns(self) -> dict[str, Array]:

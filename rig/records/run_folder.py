@@ -147,7 +147,6 @@ class PackedRows:
         return np.array(self._columns[k][: self._count]), list(self._words[k]) if k in self._words else None
 
     def column(self, k: int) -> np.ndarray[Any, np.dtype[Any]]:
-        """Return a column as an array of its kind."""
         numbers, words = self.packed(k)
         if words is not None:
             return np.take(np.array(words), numbers.astype(np.intp))
@@ -186,7 +185,6 @@ class RunFolder:
         self._write_document()
 
     def _open(self) -> None:
-        """Open the files and write all that is known."""
         self._record: TextIO = (self.part / "record.csv").open("w", encoding="utf-8", newline="")
         self._record.write(",".join(self.columns) + "\n")
         self._record.writelines(map(_csv_line, self.rows))
@@ -202,21 +200,18 @@ class RunFolder:
             self._record.write(_csv_line(self.rows[-1]))
 
     def flush(self) -> None:
-        """Bring all rows and events to the files."""
         self._rewrite_if_deleted()
         for file, name in ((self._record, "record.csv"), (self._events, "events.jsonl")):
             with naming_file(self.part / name):
                 file.flush()
 
     def event(self, time_s: float, kind: str, text: str, **more: Any) -> None:
-        """Add an event at a time of the run."""
         if kind == "phase":
             self.begun_s[text] = time_s
         self._event_lines.append(json.dumps({"time_s": time_s, "event": kind, "text": text, **more}) + "\n")
         self._events.write(self._event_lines[-1])
 
     def column(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
-        """Return a column of the rows so far."""
         return self.rows.column(self.columns.index(name))
 
     def note(self, **more: Any) -> None:
@@ -329,7 +324,6 @@ class FinishedRun:
 
     @property
     def record(self) -> Path:
-        """The file of its rows."""
         return self.folder / "record.csv"
 
 
@@ -381,12 +375,10 @@ class RunRows:
 
     @cached_property
     def columns(self) -> Mapping[str, Any]:
-        """Columns by name."""
         return self._given if self._given is not None else _columns_on_disk(self.part / "record.csv")
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
         return len(self.columns["time_s"])
 
     def column(self, name: str) -> Any:

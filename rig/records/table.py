@@ -39,12 +39,10 @@ class Column:
 
     @property
     def texts(self) -> list[str] | None:
-        """The fields if they are text, else None."""
         return self.fields if isinstance(self.fields, list) else None
 
     @property
     def meaning(self) -> Meaning:
-        """The meaning of the name and the unit."""
         return interpret_name(self.name, self.unit)
 
     def select(self, rows: RowIndices) -> Column:
@@ -56,7 +54,6 @@ class Column:
         return replace(self, fields=np.where(index < 0, np.nan, np.asarray(self.fields)[index]))
 
     def filled(self) -> NDArray[np.bool_]:
-        """Return the rows whose field is not empty."""
         if self.texts is not None:
             return np.array([not is_blank(text) for text in self.texts], dtype=np.bool_)
         return np.isfinite(np.asarray(self.fields, dtype=np.float64))
@@ -92,7 +89,6 @@ class Table:
     times: str = "file"
 
     def place_of(self, row: int) -> str:
-        """Return the place of a row, as in 'line 12'."""
         return f"{self.row_word} {self.line_of[row]}"
 
     def shown_names(self) -> list[str]:
@@ -100,7 +96,6 @@ class Table:
         return [column.name or f"#{k + 1}" for k, column in enumerate(self.columns)]
 
     def select(self, rows: RowIndices) -> Table:
-        """Return the table with these rows in this order."""
         lines = [self.line_of[k] for k in rows]
         return replace(self, columns=[column.select(rows) for column in self.columns], line_of=lines)
 

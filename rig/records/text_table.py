@@ -109,7 +109,6 @@ def split_line(line: str, separator: str) -> list[str]:
 
 
 def is_value(field: str) -> bool:
-    """Return True if a field is a number or a time."""
     return is_number(field) or is_time(field)
 
 

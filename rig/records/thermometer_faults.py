@@ -110,7 +110,6 @@ def describe_false_readings(false: Sequence[FalseReadings], time_s: Array) -> li
 
 
 def mask_readings(degC: Array, false: Iterable[FalseReadings]) -> Array:
-    """Return readings with nan in the false rows."""
     masked = degC.copy()
     for one in false:
         masked[one.first : one.last + 1] = np.nan
@@ -219,7 +218,6 @@ class _Runs:
         return bool(abs(ends[1] - ends[0]) <= JUMP * self.usual[before] + pace * passed_s)
 
     def _moves(self, run: int, films_only: bool = False) -> bool:
-        """Return True if a witness moves during a run."""
         rows = int(self.first[run]), int(self.last[run])
         return any(witness.moves(*rows) for witness in self.witnesses if witness.is_film or not films_only)
 

@@ -284,7 +284,6 @@ def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _effects(diagnosis: Diagnosis) -> str:
-    """The table of effects."""
     if not diagnosis.findings:
         return page.paragraph("None is named.")
     head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "or instead of it"]
@@ -317,7 +316,6 @@ def _not_named(diagnosis: Diagnosis, as_model: bool) -> list[str]:
 
 
 def _limits(diagnosis: Diagnosis) -> list[str]:
-    """A section with the upper limits."""
     rows = words.limit_rows(diagnosis)
     if not rows:
         return []
@@ -329,7 +327,6 @@ def _limits(diagnosis: Diagnosis) -> list[str]:
 
 
 def _plate(diagnosis: Diagnosis) -> list[str]:
-    """A section for a record with a current."""
     plate = diagnosis.plate
     if plate is None:
         return []
@@ -460,7 +457,6 @@ def _rank(row: Mapping[str, Any]) -> tuple[int, float, int]:
 
 
 def diagnoses(options: Options, holdout: Sequence[Record]) -> Task:
-    """Of many records."""
     return Task(
         work=told,
         options=options,

@@ -129,7 +129,6 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
-    """Return one, two and three."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
@@ -150,7 +149,6 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def quantity(name: str, value: float) -> str:
-    """Return a parameter with its value and unit: tau 2.27 s."""
     what, unit = split_unit(name)
     return f"{what} {value:.3g} {unit}".rstrip()
 
@@ -207,7 +205,6 @@ def error_line(what: str, unit: str, channel: Channel) -> str:
 
 
 def left_over(diagnosis: Diagnosis) -> list[str]:
-    """Return the residual structure of each channel that has any."""
     return [
         f"{what}: {diagnosis.unexplained[key]}"
         for key, (what, _) in channels_of(diagnosis).items()
@@ -216,7 +213,6 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
 
 
 def film_words(film: Mapping[str, Any]) -> str:
-    """Return a description of the film model."""
     kind = "Prandtl-Ishlinskii film" if film["of_the_class"] else "Preisach film"
     text = f"{kind}, {film['operators']} operators, D(T): {film['memoryless']}"
     further = film.get("further_records", 0)

@@ -42,7 +42,6 @@ class Improvement:
     caveats: Sequence[str] = field(default_factory=tuple)
 
     def document(self) -> dict[str, Any]:
-        """Return the JSON of `peltier improve`."""
         return {
             "format": FORMAT,
             **{key: getattr(self, key) for key in ("run", "folder", "law", "model")},
@@ -77,7 +76,6 @@ def sentence(i: Improvement) -> str:
 
 
 def _size(error: float, unit: str) -> str:
-    """Return an error with its unit."""
     return f"{error:.4f} {'decades' if unit == 'dec' else unit}"
 
 

@@ -43,7 +43,6 @@ def shown_output(values: Array, output: str) -> Array:
 
 
 def label_of(output: str) -> str:
-    """Return the label of an axis of that output."""
     if in_decades(output):
         return "resistance / ohm"
     name = output.removeprefix("minus_")
@@ -71,7 +70,6 @@ def draw_measured_and_model(axes: Axes, time_s: Array, measured: Array, model: A
 
 
 def draw_residual(axes: Axes, over: Array, left: Array) -> None:
-    """Draw a dot for each row's residual."""
     axes.axhline(0.0, color=page.EDGE, linewidth=0.6)
     axes.plot(*page.thinned(over, left), ".", markersize=2, color=page.COLOURS["model"])
 
@@ -241,7 +239,6 @@ def identifications(options: FitOptions) -> Task:
 
 
 def _write_identification_page(folder: Path, found: Identified, result: Mapping[str, Any]) -> None:
-    """Write report.html and figures/ in a folder that is there."""
     film, unit = result.get("film"), unit_of(found.output)
     parts: list[str] = []
     lead = f"From {', '.join(Path(source).name for source in result['records'])}."

@@ -260,7 +260,6 @@ class Html(str):
 
 
 def link(text: str, address: str) -> Html:
-    """Return a link to another report."""
     return Html(f'<a href="{escape(quote(address))}">{escape(text)}</a>')
 
 
@@ -270,7 +269,6 @@ def links(items: Iterable[tuple[str, str]]) -> str:
 
 
 def tiles(items: Iterable[tuple[str, str]]) -> str:
-    """Return tiles of (number, what it is)."""
     inner = "".join(f'<div class="tile"><b>{escape(n)}</b><span>{escape(what)}</span></div>' for n, what in items)
     return f'<div class="tiles">{inner}</div>'
 

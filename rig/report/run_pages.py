@@ -143,7 +143,6 @@ def _punctuality(ticks: Mapping[str, float]) -> str:
 
 
 def _write_profile_page(run: RunRows, out: Path) -> None:
-    """Write report.html of a recorded profile into `out`."""
     seconds = float(run.column("time_s")[-1])
     numbers = [(str(run.rows), "rows"), (f"{seconds:.0f} s", "duration")]
     lead = f"{run.rows} rows over {seconds:.0f} s were recorded."
@@ -192,7 +191,6 @@ def _error(error: float, of: Score, digits: int) -> str:
 
 
 def _law_of(run: RunRows) -> str:
-    """Return the name of the law of a tracking run."""
     return str(run.document["start"]["what"]).removeprefix(LAW)
 
 
@@ -334,7 +332,6 @@ def _events(path: Path) -> list[list[str]]:
 
 
 def _write_calibration_page(run: RunRows, out: Path) -> None:
-    """Write report.html of a calibration into `out`."""
     result = run.document["result"]
     lead = (
         f"The film model predicts log R to {result['check_rmse_dec']:.4f} decades RMS "

@@ -96,7 +96,6 @@ class HistoryQueries:
             task.exception()  # retrieved, even if nobody waits for it any more
 
     def close(self) -> None:
-        """Let the threads end."""
         self._threads.shutdown(wait=False, cancel_futures=True)
 
 
@@ -184,7 +183,6 @@ class _FollowedFilm:
         }
 
     def _mixed(self, outputs: Any) -> Any:
-        """Return the film's outputs from the sums of its operators."""
         return outputs if self._mixing is None else self._mixing.mixed(outputs)
 
     def memory(self, history: Path) -> dict[str, Any] | None:
@@ -250,7 +248,6 @@ class Metrics:
         return generate_latest(self._registry), CONTENT_TYPE_LATEST
 
     def collect(self) -> Iterator[Metric]:
-        """Yield the metrics, for the registry."""
         state, row, rows, gone = self._given
         reading, ticks = {**state.get("reading", {}), **row}, state.get("ticks", {})
         word = GaugeMetricFamily("peltier_state", "1 for the state that the bench is in.", labels=["state"])
@@ -288,7 +285,6 @@ class Requests:
         self._plane = LoopPlane(self._history)
 
     async def forward(self, request: Request) -> Response:
-        """Let the bench process answer."""
         return await forward(self._link, request)
 
     async def _get(self, path: str) -> Any:
@@ -299,16 +295,13 @@ class Requests:
             raise Refusal(503, str(error)) from None
 
     async def state(self, request: Request) -> Response:
-        """Reply with the bench at this moment."""
         self._link.state = await self._get("/api/state")
         return json_reply(self._link.current())
 
     async def events(self, request: Request) -> Response:
-        """Send events until the viewer goes."""
         return events_reply(self._link.viewers, self._link.current)
 
     async def history(self, request: Request) -> Response:
-        """Reply with the rows of a span of time."""
         now_s = time.time()
         try:
             from_s = float(request.query_params.get("from", now_s - DAY_S))
@@ -329,7 +322,6 @@ class Requests:
         return await self._queried(lambda ends_s: plane.document(*film, now_s), self._plane_queries)
 
     async def trips(self, request: Request) -> Response:
-        """Reply with the last trips and the rows around them."""
         return await self._queried(lambda ends_s: reading.trips(self._history))
 
     async def _queried(self, query: Callable[[float], Any], queries: HistoryQueries | None = None) -> Response:
@@ -349,7 +341,6 @@ class Requests:
         return Response(found, media_type="application/json")
 
     async def session(self, request: Request) -> Response:
-        """Begin a session of a caller with the token."""
         return await begin_session(request, self._sessions)
 
     async def report(self, request: Request) -> Response:
@@ -368,7 +359,6 @@ class Requests:
         return FileResponse(path)
 
     async def metrics(self, request: Request) -> Response:
-        """Reply with the metrics."""
         link = self._link
         body, kind = self._metrics.text(link.current(), link.row, link.rows, link.gone.is_set())
         return Response(body, media_type=kind)
@@ -389,7 +379,6 @@ class Requests:
         return json_reply({"ok": not wrong} | ({"wrong": wrong} if wrong else {}), 503 if wrong else 200)
 
     def close(self) -> None:
-        """End the threads of the history."""
         self._queries.close()
         self._plane_queries.close()
 

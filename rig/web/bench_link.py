@@ -158,7 +158,6 @@ class BenchLink:
                 self._send_to_viewers("state", self.current())
 
     def current(self) -> dict[str, Any]:
-        """Return the last known state, with the number of viewers."""
         return {**self.state, "viewers": len(self.viewers)}
 
 

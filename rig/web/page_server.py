@@ -55,12 +55,10 @@ class Refusal(Exception):
 
 
 def json_reply(value: Any, status: int = 200) -> Response:
-    """Return a value as JSON."""
     return Response(encoded(value), status, media_type="application/json")
 
 
 def refusal_reply(status: int, *lines: str, **headers: str) -> Response:
-    """Return a refusal with its reasons."""
     response = json_reply({"faults": list(lines)}, status)
     response.headers.update({name.replace("_", "-"): text for name, text in headers.items()})
     return response
@@ -139,7 +137,6 @@ async def _events(viewers: set[Viewer], current: Callable[[], dict[str, Any]]) -
 
 
 async def begin_session(request: Request, sessions: Sessions) -> Response:
-    """Return a cookie to a caller with the token."""
     body = await object_in(request)
     name = sessions.begin(body.get("token"))
     if name is None:
@@ -190,14 +187,12 @@ class BoundedProtocol(H11Protocol):
         self._stalled: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Make room for the connection, or close it at once."""
         super().connection_made(transport)
         self._wait_for_request()
         if len(self.connections) > self._most and not self._make_room():
             transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop the timers."""
         self._request_is_whole()
         self._answer_is_taken()
         super().connection_lost(exc)
@@ -223,7 +218,6 @@ class BoundedProtocol(H11Protocol):
         self._stalled = self.loop.call_later(STALLED_S, self._drop)
 
     def resume_writing(self) -> None:
-        """Note that the answer is being taken."""
         self._answer_is_taken()
         super().resume_writing()
 

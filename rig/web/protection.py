@@ -83,7 +83,6 @@ class Names:
 
 
 def host_name(text: str) -> str:
-    """Return the name in a Host header, without its port."""
     if text.startswith("["):
         return text.partition("]")[0].lower() + "]"
     return text.partition(":")[0].lower()

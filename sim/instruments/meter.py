@@ -58,7 +58,6 @@ class Setting:
         return replace(self, header=header + self.header, name=f"{function}:{self.name}")
 
     def value(self, parameters: Parameters) -> float | str:
-        """Return the value that a command's parameters set."""
         if isinstance(self.default, str):
             if not parameters:
                 raise ScpiError(*MISSING_PARAMETER)
@@ -136,7 +135,6 @@ class Meter(ScpiInstrument):
     # ---- settings -------------------------------------------------------------------------------
 
     def default_settings(self) -> dict[str, float | str]:
-        """Return every setting at its `*RST` value, by name."""
         return {setting.name: setting.default for setting in self.SETTINGS}
 
     def reset(self) -> None:
@@ -196,7 +194,6 @@ class Meter(ScpiInstrument):
         return next(spelled, name)
 
     def _define_choice(self, header: str) -> None:
-        """SENSe:FUNCtion: one function by its name, in quotes."""
 
         def choose(parameters: Parameters) -> None:
             self.choose_function(self._function_named(unquoted(parameters)))
@@ -204,7 +201,6 @@ class Meter(ScpiInstrument):
         self._tree.define(header, set=choose, ask=lambda _: f'"{self.function_text(self.function)}"')
 
     def function_text(self, function: str) -> str:
-        """Return a function's name as the meter answers it."""
         return function
 
     def _define_common(self) -> frozenset[Handler]:
@@ -250,7 +246,6 @@ class Meter(ScpiInstrument):
 
     @property
     def full_scale_ohm(self) -> float:
-        """Return the full scale of the resistance range in use."""
         return self._ranges[self._range_index].full_scale_ohm
 
     @property
@@ -325,11 +320,9 @@ class Meter(ScpiInstrument):
 
     @property
     def measuring(self) -> bool:
-        """Return True if a measurement is under way."""
         return self._remaining > 0
 
     def initiate(self, count: int = 1) -> None:
-        """Begin `count` readings."""
         self.abort()
         self._remaining = count
         self._wanted = []

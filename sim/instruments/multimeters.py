@@ -97,7 +97,6 @@ class Multimeter(Meter):
         self._define(":ABORt", self.abort)
 
     def store(self, count: int) -> None:
-        """Begin `count` readings that can be fetched, as INITiate does."""
         self.initiate(count)
 
 
@@ -311,13 +310,11 @@ class Hp34401A(Multimeter):
     # ---- measuring ------------------------------------------------------------------------------
 
     def store(self, count: int) -> None:
-        """Begin `count` readings, which are kept for `FETCh?`."""
         self.stored = None
         self.initiate(count)
         self._keep = True
 
     def read(self, count: int) -> None:
-        """Begin `count` readings, which are given out and not kept."""
         super().read(count)
         self.stored, self._keep = None, False
 

@@ -150,7 +150,6 @@ def number(parameters: Parameters, minimum: float, maximum: float, default: floa
 
 
 def boolean(parameters: Parameters) -> bool:
-    """Return True for ON and for a number other than 0."""
     if len(parameters) != 1:
         raise ScpiError(*MISSING_PARAMETER)
     word = parameters[0].upper()

@@ -69,7 +69,6 @@ class SourceMeter(Meter):
         return function if function == "RES" else function + ":DC"
 
     def switch_output(self, on: bool) -> None:
-        """Switch the output, as OUTPut does."""
         self.output_is_on = on
         self.send_test_current()
 

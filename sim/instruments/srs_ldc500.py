@@ -273,13 +273,11 @@ class SrsLdc500(SerialInstrument, Ticking):
         self.drive()
 
     def switch(self, on: float) -> None:
-        """Switch the output, as TEON does."""
         self.values["TEON"] = on
         self._regulator.start()
         self.drive()
 
     def drive(self) -> None:
-        """Drive the current that follows from the settings from now on."""
         values, current_A = self.values, 0.0
         limit_A = min(values["TILM"], abs(values["TVLM"]) / self._load_ohm)
         if values["TEON"]:

@@ -127,7 +127,6 @@ class PreisachFilm:
         return outputs, RelayMemory(states, float(inputs[-1]) if inputs.size else memory.input_degC)
 
     def step(self, input_degC: float, memory: RelayMemory) -> tuple[float, RelayMemory]:
-        """Return the output of one temperature, and the relays after it."""
         outputs, memory = self.simulate(np.array([input_degC]), memory)
         return float(outputs[0]), memory
 
@@ -152,12 +151,10 @@ class RisingFilm:
         return -outputs, after
 
     def step(self, input_degC: float, memory: Any) -> tuple[float, Any]:
-        """Return the same for one temperature."""
         output, after = self.model.step(input_degC, memory)
         return -output, after
 
     def initial_memory(self, input_degC: float, initial: Any = None) -> Any:
-        """Return the model's own memory."""
         return self.model.initial_memory(input_degC, initial)
 
 

@@ -73,7 +73,6 @@ class World:
 
     @property
     def model(self) -> ChainModel:
-        """Plate, film and effects."""
         return ChainModel(self.plate, self.film, self.effects)
 
 
@@ -122,7 +121,6 @@ class SimulatedPlant:
 
     @property
     def temperature_degC(self) -> float:
-        """The plate's true temperature now."""
         self._solve()
         return self._state.plate_degC
 
@@ -154,7 +152,6 @@ class SimulatedPlant:
                 self.schedule(when, lambda _, amount=amount: self._drive(amount))  # type: ignore[misc]
 
     def set_test_current_A(self, current: float) -> None:
-        """The ohmmeter's test current from now on."""
         if current == self.test_current_A:
             return
         if self._links.heated and self._solved_s > -math.inf:
@@ -163,7 +160,6 @@ class SimulatedPlant:
         self.test_current_A = current
 
     def read_temperature_degC(self) -> float:
-        """Return the thermometer's reading now."""
         self._solve()
         value = self._thermometer_degC + self.world.thermometer_noise_K * self._thermometer_noise.draw()
         if not self._links.temperature_readings:
@@ -186,7 +182,6 @@ class SimulatedPlant:
         return detector.voltage_V(float(self._past[1][-1]), self._ohmmeter_noise.draw())
 
     def read_resistance_ohm(self, test_current_A: float) -> float:
-        """Return the ohmmeter's reading of the film now."""
         self.set_test_current_A(test_current_A)
         self._solve()
         time, output = self._past
@@ -200,7 +195,6 @@ class SimulatedPlant:
         return float(self._links.shown_ohm(np.array([10.0**-value]))[0] * 10.0**noise)
 
     def _drive(self, current: float) -> None:
-        """Set the current through the plate from now on."""
         self._solve()  # the temperature may turn round here
         self._plate_current_A = current
 
