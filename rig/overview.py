@@ -15,7 +15,6 @@ no other. A request has a time limit for all of it.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import os
 import re
@@ -23,7 +22,9 @@ import secrets
 import ssl
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 from urllib.parse import urlsplit
@@ -55,6 +56,7 @@ from rig.web.page_server import (
     object_in,
     refusal_reply,
     refused,
+    running,
     serve_and_close,
     server_of,
 )
@@ -276,11 +278,10 @@ NO_ANSWER = 502
 class Benches:
     """State of all benches; the methods are the endpoints."""
 
-    def __init__(self, content: Overview, sessions: Sessions) -> None:
+    def __init__(self, content: Overview) -> None:
         self._changed = asyncio.Event()
         self._benches = {table.name: Bench(table, self._changed.set) for table in content.bench}
         self._viewers: set[Viewer] = set()
-        self._sessions = sessions
 
     def current(self) -> dict[str, Any]:
         """Return all benches at this moment, in the order of the configuration."""
@@ -307,20 +308,9 @@ class Benches:
             return refusal_reply(NO_ANSWER, f"{bench.name} does not answer: {error}")
         return json_reply(answer, status)
 
-    async def session(self, request: Request) -> Response:
-        return await begin_session(request, self._sessions)
-
-    @contextlib.asynccontextmanager
-    async def watched(self, app: Starlette) -> AsyncIterator[None]:
+    def watched(self, app: Starlette) -> AbstractAsyncContextManager[None]:
         """Ask every bench, and send changes to every viewer, meanwhile."""
-        work = [self._send_changes(), *(bench.watch() for bench in self._benches.values())]
-        tasks = [asyncio.create_task(one) for one in work]
-        try:
-            yield
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.wait(tasks, timeout=1.0)
+        return running(self._send_changes(), *(bench.watch() for bench in self._benches.values()))
 
     async def _send_changes(self) -> None:
         while True:
@@ -334,14 +324,15 @@ class Benches:
 
 
 def application(content: Overview) -> Starlette:
+    """Return the web application of a configuration."""
     table = content.overview
     sessions = Sessions(table.token.get_secret_value() if table.token is not None else None)
-    benches = Benches(content, sessions)
+    benches = Benches(content)
     routes: list[Route | Mount] = [
         Route("/api/state", benches.state),
         Route("/api/events", benches.events),
         Route("/api/stop", benches.stop, methods=["POST"]),
-        Route("/api/session", benches.session, methods=["POST"]),
+        Route("/api/session", partial(begin_session, sessions=sessions), methods=["POST"]),
         Mount("/shared", PageFiles(STATIC, None)),
         Mount("/icons", PageFiles(STATIC / "icons", None)),
         Mount("/", PageFiles(OVERVIEW, None)),

@@ -277,6 +277,7 @@ def _film_table(model: FilmModel) -> dict[str, Any]:
 
 
 def plate_table(model: PlateModel) -> dict[str, Any]:
+    """Return a plate as the table [plate]."""
     names = ["drive_over_capacity_K_per_s"]
     if model.kind == "peltier":
         names = ["seebeck_over_capacity_per_A_s", "resistance_over_capacity_K_per_A2_s"]

@@ -100,6 +100,7 @@ def off_in_words(state: dict[str, Any]) -> str:
 
 
 def job_in_words(job: dict[str, Any]) -> str:
+    """Return a line about a job and its end."""
     text = f"job {job['id']} {job['name']} ({job['kind']}): {job['state']}"
     if job["started_s"] is not None and job["ended_s"] is not None:
         text += f" after {span(job['ended_s'] - job['started_s'])}"

@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from rig.core.json_text import finite
 from rig.core.reading import KEPT
 from rig.history.store import BUCKETS_S, connect_to_read
 
@@ -132,11 +133,6 @@ def _buckets(found: list[tuple[Any, ...]], width_s: int) -> dict[str, Any]:
         for k, name in enumerate(SHOWN)
     }
     return {"time_s": [row[0] + width_s / 2.0 for row in found], "columns": columns, "bucket_s": width_s}
-
-
-def finite(value: float | None) -> float | None:
-    """Return the value, or None for infinity and not-a-number, which JSON lacks."""
-    return value if value is not None and math.isfinite(value) else None
 
 
 Point = tuple[float, float | None, float | None]  # time s, temperature degC, resistance ohm

@@ -213,6 +213,7 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
 
 
 def film_words(film: Mapping[str, Any]) -> str:
+    """Return a description of the film model."""
     kind = "Prandtl-Ishlinskii film" if film["of_the_class"] else "Preisach film"
     text = f"{kind}, {film['operators']} operators, D(T): {film['memoryless']}"
     further = film.get("further_records", 0)

@@ -17,6 +17,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,7 @@ from rig.web.page_server import (
     json_reply,
     refusal_reply,
     refused,
+    running,
 )
 from rig.web.protection import Names, Protection, Sessions
 
@@ -276,16 +278,13 @@ class Metrics:
 class Requests:
     """State of the page's process; the methods are the endpoints."""
 
-    def __init__(self, link: BenchLink, settings: dict[str, Any], sessions: Sessions) -> None:
-        self._link, self._settings, self._sessions = link, settings, sessions
+    def __init__(self, link: BenchLink, settings: dict[str, Any]) -> None:
+        self._link, self._settings = link, settings
         self._history = Path(settings["history"])
         self._queries = HistoryQueries()
         self._plane_queries = HistoryQueries(PLANE_S, at_once=1)
         self._metrics = Metrics()
         self._plane = LoopPlane(self._history)
-
-    async def forward(self, request: Request) -> Response:
-        return await forward(self._link, request)
 
     async def _get(self, path: str) -> Any:
         """Ask the bench process. Raises Refusal, with its status and faults if it refuses."""
@@ -340,9 +339,6 @@ class Requests:
             return refusal_reply(503, f"history: {error}")
         return Response(found, media_type="application/json")
 
-    async def session(self, request: Request) -> Response:
-        return await begin_session(request, self._sessions)
-
     async def report(self, request: Request) -> Response:
         """Reply with a file of a run's folder: its report, a figure, its record."""
         number = request.path_params["number"]
@@ -386,29 +382,29 @@ class Requests:
 def application(link: BenchLink, settings: dict[str, Any]) -> Starlette:
     """Return the page's application. settings: the bench process's [serve]."""
     sessions = Sessions(settings["token"], settings["metrics_token"])
-    requests = Requests(link, settings, sessions)
+    requests, to_the_bench = Requests(link, settings), partial(forward, link)
     routes: list[Route | Mount] = [
         Route("/api/state", requests.state),
         Route("/api/events", requests.events),
         Route("/api/history", requests.history),
         Route("/api/loop", requests.loop),
         Route("/api/trips", requests.trips),
-        Route(JOBS, requests.forward, methods=["GET", "POST"]),
-        Route("/api/jobs/{number}", requests.forward, methods=["DELETE"]),
-        Route("/api/configurations", requests.forward),
-        Route(STOP, requests.forward, methods=["POST"]),
-        Route("/api/reset", requests.forward, methods=["POST"]),
-        Route("/api/session", requests.session, methods=["POST"]),
+        Route(JOBS, to_the_bench, methods=["GET", "POST"]),
+        Route("/api/jobs/{number}", to_the_bench, methods=["DELETE"]),
+        Route("/api/configurations", to_the_bench),
+        Route(STOP, to_the_bench, methods=["POST"]),
+        Route("/api/reset", to_the_bench, methods=["POST"]),
+        Route("/api/session", partial(begin_session, sessions=sessions), methods=["POST"]),
         Route("/runs/{number}/{name:path}", requests.report),
         Route("/metrics", requests.metrics),
         Route("/health", requests.health),
+        Mount("/", PageFiles(STATIC, settings["stop_port"])),
     ]
-    routes.append(Mount("/", PageFiles(STATIC, settings["stop_port"])))
     names = Names(settings["address"], settings["hosts"])
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        async with link.living(link.follow(), link.send_states()):
+        async with running(link.follow(), link.send_states()):
             yield
         requests.close()
 

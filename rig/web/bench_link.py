@@ -9,7 +9,6 @@ import secrets
 import sys
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -93,17 +92,6 @@ class BenchLink:
             writer.close()
             raise
         return reader, writer
-
-    @contextlib.asynccontextmanager
-    async def living(self, *work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
-        """Run coroutines such as `follow` meanwhile."""
-        tasks = [asyncio.create_task(one) for one in work]
-        try:
-            yield
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.wait(tasks, timeout=1.0)
 
     async def follow(self) -> None:
         """Pass on the events until the bench process ends."""

@@ -9,12 +9,13 @@ connections shut nobody out; connections whose request is being answered stay. T
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 import socket
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,10 +34,7 @@ from rig.daemon.announcer import encoded, sent_event
 from rig.web.protection import COOKIE, Sessions, host_name
 
 PAGE = Path(__file__).resolve().parents[1] / "page"
-STATIC, OVERVIEW = (
-    PAGE / "static",
-    PAGE / "overview",
-)  # of a bench, and of several; no build step
+STATIC, OVERVIEW = PAGE / "static", PAGE / "overview"  # of a bench, and of several; no build step
 # the strictest policy that the pages work under: no inline script or style, nothing from another origin, no frame
 CONTENT_SECURITY_POLICY = (
     "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
@@ -136,7 +134,20 @@ async def _events(viewers: set[Viewer], current: Callable[[], dict[str, Any]]) -
         viewers.discard(viewer)
 
 
+@contextlib.asynccontextmanager
+async def running(*work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+    """Run coroutines meanwhile, and cancel them at the end."""
+    tasks = [asyncio.create_task(one) for one in work]
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks, timeout=1.0)
+
+
 async def begin_session(request: Request, sessions: Sessions) -> Response:
+    """Return a cookie to a caller with the token."""
     body = await object_in(request)
     name = sessions.begin(body.get("token"))
     if name is None:

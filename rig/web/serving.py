@@ -9,11 +9,10 @@ alone: the history, viewers, files.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import os
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +33,7 @@ from rig.web.page_server import (
     STOP_CONNECTIONS,
     Refusal,
     refused,
+    running,
     serve_and_close,
     server_of,
 )
@@ -82,17 +82,12 @@ def stop_application(link: BenchLink, settings: dict[str, Any]) -> Starlette:
             return Response(status_code=204, headers=PREFLIGHT)
         return await forward(link, request)
 
-    @contextlib.asynccontextmanager
-    async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        async with link.living(link.follow()):
-            yield
-
     names = Names(settings["address"], settings["hosts"], page_port=settings["port"])
     protection = Middleware(Protection, names=names, sessions=Sessions(settings["token"]), elsewhere=True)
     return Starlette(
         routes=[Route(STOP, stop, methods=["POST", "OPTIONS"])],
         middleware=[protection],
-        lifespan=lifespan,
+        lifespan=lambda app: running(link.follow()),
         exception_handlers={Refusal: refused, HTTPException: refused},
     )
 
