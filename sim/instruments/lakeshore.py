@@ -64,7 +64,6 @@ class LakeShore(ScpiInstrument, Ticking):
         plant: Plant,
         *,
         model: str = "335",
-        serial_number: str = "335A123",
         input: str = "A",
         output: int = 1,
         full_drive_A: float = 1.0,
@@ -74,7 +73,7 @@ class LakeShore(ScpiInstrument, Ticking):
         start_s: float = 0.0,
     ) -> None:
         super().__init__(plant, byte_s=10.0 / baudrate, terminator=b"\r\n", command_s=command_s, start_s=start_s)
-        self.identity = f"LSCI,MODEL{model},{serial_number}/#######,1.5"
+        self.identity = f"LSCI,MODEL{model},335A123/#######,1.5"
         self.inputs = INPUTS[model]
         self._plate_input, self._plate_output, self._full_drive_A = input, output, full_drive_A
         setup = [0.0, 1.0, 0.0, 1.0, 1.0] if model == "335" else [1.0, 0.0, 1.0, 1.0]
@@ -139,7 +138,7 @@ class LakeShore(ScpiInstrument, Ticking):
         define("KRDG", ask=lambda p: shown(self.reading_K(named(p))))
         define("CRDG", ask=lambda p: shown(self.reading_K(named(p)) - KELVIN))
         define("SRDG", ask=lambda p: shown(self.reading_K(named(p))))
-        define("RDGST", ask=lambda p: f"{self.reading_status(named(p)):03d}")
+        define("RDGST", ask=lambda p: f"{INVALID if isnan(self.reading_K(named(p))) else 0:03d}")
         define("TLIMIT", set=limit, ask=lambda p: f"{self.limits_K[named(p)]:+09.3f}")
         define("INTYPE", set=kind, ask=lambda p: ",".join(map(str, self.input_types[named(p)])))
         define("INNAME", ask=lambda p: f"Input {named(p)}       ")
@@ -203,10 +202,6 @@ class LakeShore(ScpiInstrument, Ticking):
             shown_K = (plant.read_temperature_degC() if on_plate else plant.sink_temperature_degC()) + KELVIN
             self._readings[name] = self._now_s + self._update_s, shown_K
         return shown_K
-
-    def reading_status(self, name: str) -> int:
-        """Return the bits of RDGST."""
-        return INVALID if isnan(self.reading_K(name)) else 0
 
     def setpoint_K(self, output: Output) -> float:
         """Return an output's setpoint, which counts in the units of its input, in K."""

@@ -46,6 +46,9 @@ REPLY_LENGTH = {True: 20, False: 12}  # characters that are expected, by whether
 LARGEST_CURRENT_A = {1089: 10.0, 1090: 16.0, 1091: 4.0, 1092: 1.2, 1122: 10.0, 1123: 16.0, 1161: 16.0}
 LARGEST_VOLTAGE_V = 21.0  # the same, of each type
 WIDE = 2**31 - 1  # the largest INT32
+FIRMWARE = b"8065-TEC SW G01     "
+LOAD_OHM = 2.0  # of the Peltier element, for 1021 and the voltage limits
+STABLE_K, STABLE_S = 0.1, 10.0  # within the one for the other parameter 1200 reads 2
 
 _float32 = struct.Struct(">f")
 _int32 = struct.Struct(">i")
@@ -114,9 +117,8 @@ class MeerstetterTec(SerialInstrument, Ticking):
 
     address: 1..254. response_s: from the request's last character to the reply's first. baudrate: of the line, 1/s; inf
     takes no time. heating_sign: +1 if positive output current heats as it is wired, else -1 (parameter 3034 only says
-    what the firmware believes). load_ohm: of the Peltier element, for 1021 and the voltage limits. stable_within_K,
-    stable_for_s: when 1200 reads 2. watchdog_error: device error that the watchdog raises, which stays until a reset
-    (183 by the manual's table); 0 for none.
+    what the firmware believes). watchdog_error: device error that the watchdog raises, which stays until a reset (183
+    by the manual's table); 0 for none.
     """
 
     ENDS: ClassVar[tuple[bytes, ...]] = (b"\r",)
@@ -128,13 +130,9 @@ class MeerstetterTec(SerialInstrument, Ticking):
         device_type: int = 1091,
         serial_number: int = 112,
         address: int = 1,
-        firmware_text: str = "8065-TEC SW G01",
         baudrate: float = 57600.0,
         response_s: float = 0.002,
         heating_sign: int = 1,
-        load_ohm: float = 2.0,
-        stable_within_K: float = 0.1,
-        stable_for_s: float = 10.0,
         watchdog_error: int = 0,
         start_s: float = 0.0,
     ) -> None:
@@ -147,11 +145,7 @@ class MeerstetterTec(SerialInstrument, Ticking):
         self._own_address = b"%02X" % address
         self._flash = dict(self._values)
         self.flash_writes = 0
-        self._firmware = firmware_text.ljust(20)[:20].encode("ascii")
-        self._heating_sign = heating_sign
-        self._load_ohm = load_ohm
-        self._stable_within_K, self._stable_for_s = stable_within_K, stable_for_s
-        self._watchdog_error = watchdog_error
+        self._heating_sign, self._watchdog_error = heating_sign, watchdog_error
         self._measured = self._measured_parameters(plant)
         self._descriptions = {READ: self._value_text, b"?VL": self._limits_text}
         self._reads: dict[bytes, Callable[[], bytes]] = {}
@@ -178,7 +172,7 @@ class MeerstetterTec(SerialInstrument, Ticking):
             1010: lambda: self._values[3000],
             1011: lambda: self._nominal_degC,
             1020: lambda: self.output_A,
-            1021: lambda: self.output_A * self._load_ohm,
+            1021: lambda: self.output_A * LOAD_OHM,
             1032: lambda: self._regulator.output_percent,
             1063: lambda: 35.0,
             1200: self._stability,
@@ -223,7 +217,7 @@ class MeerstetterTec(SerialInstrument, Ticking):
             self._reset() if payload == b"RS" else self._emergency_stop()
             return acknowledgement
         if payload[:3] == b"?IF" and len(payload) in (3, 5):  # mecompyapi appends an instance
-            return _frame(head, self._firmware)
+            return _frame(head, FIRMWARE)
         describe = self._descriptions.get(payload[:3])
         if describe is None:
             return _error(head, UNKNOWN_COMMAND)
@@ -308,7 +302,7 @@ class MeerstetterTec(SerialInstrument, Ticking):
     def _move_output(self) -> None:
         values = self._values
         current_A = 0.0
-        limit_A = min(values[2030], values[2031] / self._load_ohm)
+        limit_A = min(values[2030], values[2031] / LOAD_OHM)
         if not self._regulating():
             self._regulator.start()
             self._stable_since_s = self._now_s
@@ -319,7 +313,7 @@ class MeerstetterTec(SerialInstrument, Ticking):
             else:
                 number = 2020 if values[2000] == 0 else 50001
                 current_A = values[number]
-                limit_A = min(limit_A, abs(values[number + 1]) / self._load_ohm)
+                limit_A = min(limit_A, abs(values[number + 1]) / LOAD_OHM)
         if abs(current_A) > limit_A:
             current_A = copysign(limit_A, current_A)
         if current_A != self.output_A:
@@ -334,7 +328,7 @@ class MeerstetterTec(SerialInstrument, Ticking):
         if not self._regulating() or isnan(temperature_degC):
             return
         values = self._values
-        if abs(temperature_degC - values[3000]) > self._stable_within_K:
+        if abs(temperature_degC - values[3000]) > STABLE_K:
             self._stable_since_s = self._now_s
         self._regulator.step(
             values[3000],
@@ -364,7 +358,7 @@ class MeerstetterTec(SerialInstrument, Ticking):
     def _stability(self) -> int:
         if not self._regulating():
             return 0
-        return 2 if self._now_s - self._stable_since_s >= self._stable_for_s else 1
+        return 2 if self._now_s - self._stable_since_s >= STABLE_S else 1
 
     # ---- protection -----------------------------------------------------------------------------
 

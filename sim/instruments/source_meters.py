@@ -65,6 +65,23 @@ class SourceMeter(Meter):
     elements: tuple[str, ...]  # of a reply
     output_is_on = False
 
+    @property
+    def test_current_A(self) -> float:
+        """Return the current through the film now, A: nothing with the output off."""
+        if not self.output_is_on:
+            return 0.0
+        return self._ranges[self._range_index].test_current_A if self._in_ohms else self._sourced_A
+
+    @property
+    def _in_ohms(self) -> bool:
+        """Return True if the range sets the test current."""
+        return self.measures_resistance
+
+    @property
+    def _sourced_A(self) -> float:
+        """Return the current that the source's settings make."""
+        return float(self.settings["SOUR:CURR"]) if self.settings["SOUR:FUNC"] == "CURR" else 0.0
+
     def function_text(self, function: str) -> str:
         return function if function == "RES" else function + ":DC"
 
@@ -241,21 +258,16 @@ class Keithley2400(SourceMeter):
         return "RES" in self.enabled
 
     @property
-    def _auto_ohms(self) -> bool:
+    def _in_ohms(self) -> bool:
         return self.measures_resistance and self.settings["RES:MODE"] == "AUTO"
 
     @property
     def _sources_current(self) -> bool:
-        return self._auto_ohms or self.settings["SOUR:FUNC"] == "CURR"
+        return self._in_ohms or self.settings["SOUR:FUNC"] == "CURR"
 
     @property
-    def test_current_A(self) -> float:
-        """Return the current through the film now, A: nothing with the output off."""
-        if not self.output_is_on:
-            return 0.0
-        if self._auto_ohms:
-            return self._ranges[self._range_index].test_current_A
-        return float(self.settings["SOUR:CURR"]) if self._sources_current else self._driven_A
+    def _sourced_A(self) -> float:
+        return super()._sourced_A if self._sources_current else self._driven_A
 
     # ---- measuring ------------------------------------------------------------------------------
 
@@ -294,7 +306,7 @@ class Keithley2400(SourceMeter):
             return ""
         status = OUTPUT_ON if self.output_is_on else 0
         status |= OVERFLOWED if isinf(resistance_ohm if self.measures_resistance else voltage_V) else 0
-        status |= IN_COMPLIANCE if not self._auto_ohms and voltage_V == self.settings["VOLT:PROT"] else 0
+        status |= IN_COMPLIANCE if not self._in_ohms and voltage_V == self.settings["VOLT:PROT"] else 0
         volts = "VOLT" in self.enabled or not self._sources_current
         amps = "CURR" in self.enabled or self._sources_current
         values = {
@@ -309,7 +321,7 @@ class Keithley2400(SourceMeter):
     def _measured(self) -> tuple[float, float, float | None]:
         """Return voltage, V, current, A, and resistance, ohm; None if autorange has changed the range."""
         current_A = self.test_current_A
-        if self._auto_ohms:
+        if self._in_ohms:
             ohm = self.sample_ohm()
             ohm = None if ohm is None else self.filtered(ohm)
             current_A = self.test_current_A
@@ -419,15 +431,6 @@ class Keithley2450(SourceMeter):
     def _measure(self, function: str, parameters: Parameters) -> None:
         self.choose_function(function)
         self._read_elements(parameters)
-
-    @property
-    def test_current_A(self) -> float:
-        """Return the current through the film now, A: nothing with the output off."""
-        if not self.output_is_on:
-            return 0.0
-        if self.measures_resistance:
-            return self._ranges[self._range_index].test_current_A
-        return float(self.settings["SOUR:CURR"]) if self.settings["SOUR:FUNC"] == "CURR" else 0.0
 
     def averaged(self) -> int:
         return int(self.settings[self.function + ":AVER:COUN"]) if self.settings[self.function + ":AVER"] else 1

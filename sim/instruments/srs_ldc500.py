@@ -26,6 +26,8 @@ from sim.instruments.instrument import Plant, Regulator, SerialInstrument, Ticki
 LONGEST_INPUT, LONGEST_OUTPUT = 64, 256  # bytes of its buffers
 TERMINATORS = (b"", b"\r", b"\n", b"\r\n", b"\n\r")
 INPUT_ERROR, QUERY_ERROR, EXECUTION_ERROR, COMMAND_ERROR = 2, 4, 16, 32  # bits of the event status register
+RESPONSE_S = 0.003  # from a line's end to its first answer
+LOAD_OHM = 2.0  # of the element
 CURRENT_MODE = 0  # of TMOD
 # command errors, LCME (p. 4-38)
 ILLEGAL, UNDEFINED, ILLEGAL_QUERY, ILLEGAL_SET, MISSING, EXTRA, NULL, BUFFER_OVERFLOW, BAD_FLOAT = range(1, 10)
@@ -77,30 +79,25 @@ class ExecutionError(CommandError):
 class SrsLdc500(SerialInstrument, Ticking):
     """One controller.
 
-    baudrate: of the line, 1/s; inf takes no time. response_s: from a line's end to its first answer. error_s: until an
-    error can be asked for. heating_sign: +1 if positive current heats as it is wired. load_ohm: of the element.
+    baudrate: of the line, 1/s; inf takes no time. error_s: until an error can be asked for. heating_sign: +1 if
+    positive current heats as it is wired.
     """
 
     def __init__(
         self,
         plant: Plant,
         *,
-        serial_number: str = "s/n098023",
-        firmware: str = "ver2.00",
         baudrate: float = 9600.0,
-        response_s: float = 0.003,
         error_s: float = 0.01,
         joined: bool = False,
         heating_sign: int = 1,
-        load_ohm: float = 2.0,
         start_s: float = 0.0,
     ) -> None:
         super().__init__(plant, byte_s=10.0 / baudrate, start_s=start_s)
-        self.identity = f"Stanford Research Systems,LDC501,{serial_number},{firmware}"
+        self.identity = "Stanford Research Systems,LDC501,s/n098023,ver2.00"
         self.values: dict[str, float] = {name: default for name, (default, _, _) in (NUMBERS | INTEGERS).items()}
         self.values |= dict.fromkeys(TOKENS, 0.0) | {"TERM": 3.0, "TSNR": 3.0}  # TERM 3: CR and LF
-        self._response_s, self._error_s, self._joined = response_s, error_s, joined
-        self._heating_sign, self._load_ohm = heating_sign, load_ohm
+        self._error_s, self._joined, self._heating_sign = error_s, joined, heating_sign
         self._lines: deque[tuple[bytes, float]] = deque()
         self._errors = {"LCME": (0, start_s), "LEXE": (0, start_s)}  # the last one's number, and when it is logged
         self.event_status = 0
@@ -117,7 +114,7 @@ class SrsLdc500(SerialInstrument, Ticking):
             "TTRD": lambda: number_text(self.temperature_degC()),
             "TRAW": lambda: "10",
             "TIRD": lambda: number_text(self.output_A),
-            "TVRD": lambda: number_text(self.output_A * self._load_ohm),
+            "TVRD": lambda: number_text(self.output_A * LOAD_OHM),
         }
         self._special: dict[str, Callable[[float], None]] = {
             "TMOD": lambda value: self.change_mode(value),
@@ -147,7 +144,7 @@ class SrsLdc500(SerialInstrument, Ticking):
         self._errors["LCME"] = (BUFFER_OVERFLOW, self._now_s)
 
     def _next_reply_s(self) -> float | None:
-        return self._lines[0][1] + self._response_s if self._lines else None
+        return self._lines[0][1] + RESPONSE_S if self._lines else None
 
     def _act(self, time_s: float) -> None:
         line = self._lines.popleft()[0]
@@ -167,7 +164,7 @@ class SrsLdc500(SerialInstrument, Ticking):
         if len(data) > LONGEST_OUTPUT:
             self.event_status |= QUERY_ERROR
             return
-        self._send(data, time_s + self._response_s)
+        self._send(data, time_s + RESPONSE_S)
 
     # ---- commands -------------------------------------------------------------------------------
 
@@ -279,7 +276,7 @@ class SrsLdc500(SerialInstrument, Ticking):
 
     def drive(self) -> None:
         values, current_A = self.values, 0.0
-        limit_A = min(values["TILM"], abs(values["TVLM"]) / self._load_ohm)
+        limit_A = min(values["TILM"], abs(values["TVLM"]) / LOAD_OHM)
         if values["TEON"]:
             if values["TMOD"] == CURRENT_MODE:
                 current_A = values["TCUR"]

@@ -18,14 +18,15 @@ from sim.instruments.instrument import Plant, SerialInstrument
 # of the board's converter: 3.3 V in 1024 steps, a TMP36 at 10 mV/K with 0.5 V at 0 degC
 DEGC_PER_STEP, LOWEST_DEGC, LARGEST_STEP = 0.3223, -50.0, 1023
 FULL_PWM = 200  # of 255, the firmware's power limit of heater 1: full drive
+COMMAND_S = 0.0003  # that the board takes for a command
 NUMBER = re.compile(r"[+-]?\d*\.?\d*")
 
 
 class TcLab(SerialInstrument):
     """One board. version: of its firmware. heater: the one that is on the plate.
 
-    full_drive_A: current into the plant at 100 % with the usual power limit, 200. command_s: that the board takes for a
-    command. baudrate: of the line, 1/s; inf takes no time.
+    full_drive_A: current into the plant at 100 % with the usual power limit, 200. baudrate: of the line, 1/s; inf takes
+    no time.
     """
 
     def __init__(
@@ -33,17 +34,15 @@ class TcLab(SerialInstrument):
         plant: Plant,
         *,
         version: str = "1.4.0",
-        board: str = "Arduino Uno",
         heater: int = 1,
         full_drive_A: float = 1.0,
-        command_s: float = 0.0003,
         baudrate: float = 115200.0,
         start_s: float = 0.0,
     ) -> None:
         super().__init__(plant, byte_s=10.0 / baudrate, start_s=start_s)
         self._version = tuple(int(part) for part in re.findall(r"\d+", version)[:3])
-        self._identity = f"TCLab Firmware {version} {board}"
-        self._heater, self._full_drive_A, self._command_s = heater, full_drive_A, command_s
+        self._identity = f"TCLab Firmware {version} Arduino Uno"
+        self._heater, self._full_drive_A = heater, full_drive_A
         self._lines: deque[bytes] = deque()
         self.heaters = {1: 0.0, 2: 0.0}  # percent
         self.power_limits = {1: float(FULL_PWM), 2: 100.0}
@@ -66,7 +65,7 @@ class TcLab(SerialInstrument):
             return
         line = self._lines.popleft()
         replies = self._obey(line.upper().decode("latin-1"))  # bytes: only ASCII letters become capitals
-        self._sending_until_s = time_s + self._command_s
+        self._sending_until_s = time_s + COMMAND_S
         if replies:
             self._send("".join(f"{reply}\r\n" for reply in replies).encode("latin-1"), time_s)
 

@@ -39,6 +39,7 @@ FULL_POWER = 511  # of the power's scale, 100 %
 HIGH, LOW, OPEN_1, OPEN_2 = 1, 2, 16, 32  # bits of the alarms
 MODEL_CODE = 9613  # a TC-48-20's answer to code 00
 PER_GAIN = 100  # fixed point of the gains
+RESPONSE_S = 0.005  # from a request's last character to the first of its reply
 HEXADECIMAL = frozenset(b"0123456789abcdef")
 WIDE = 2**31 - 1  # the largest that eight hexadecimal digits hold, with a sign
 SHORT = 2**15 - 1  # the same of four digits
@@ -130,7 +131,6 @@ class TeTechnology(SerialInstrument, Ticking):
         model: str = "tc-36-25",
         address: int = 0,
         baudrate: float | None = None,
-        response_s: float = 0.005,
         deaf_s: float = 0.0,
         full_power_A: float = 4.0,
         heating_sign: int = 1,
@@ -152,8 +152,7 @@ class TeTechnology(SerialInstrument, Ticking):
         }
         self._reads |= {code: measured[name] for code, name in table.measured.items()}
         self._own_address = b"%02x" % address
-        self._response_s, self._deaf_s = response_s, deaf_s
-        self._full_power_A, self._heating_sign = full_power_A, heating_sign
+        self._deaf_s, self._full_power_A, self._heating_sign = deaf_s, full_power_A, heating_sign
         self._requests: deque[tuple[bytes, float]] = deque()
         self._busy_until_s = -inf
         self.power = 0  # -511 to 511
@@ -173,7 +172,7 @@ class TeTechnology(SerialInstrument, Ticking):
         if arrival_s - (len(line) + 1) * self._byte_s < self._busy_until_s + self._deaf_s - 1e-9:
             self.lost_commands += 1
             return
-        self._busy_until_s = arrival_s + self._response_s + (self._model.digits + 4) * self._byte_s
+        self._busy_until_s = arrival_s + RESPONSE_S + (self._model.digits + 4) * self._byte_s
         self._requests.append((line[start + 1 :], self._busy_until_s))
         self._plant.schedule(arrival_s, self._act)
 

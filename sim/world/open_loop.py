@@ -1,4 +1,4 @@
-"""A whole record from a current over time, or the film's side of it from a temperature over time: no instruments.
+"""A whole record from a current over time, without instruments.
 
 Rows come in with what was commanded, readings at these rows come out. The current of a row holds from its time to the
 next row's; before the first it was 0. The ohmmeter's test current of a row flows since the row before.
@@ -16,7 +16,7 @@ from compensator.hysteresis.functions import Array
 from sim.model.inputs import NOTHING, Inputs
 from sim.model.meter_power import since_the_row_before
 from sim.model.record_own import FilmStart, RecordOwn
-from sim.model.record_run import RecordRun, straight_path
+from sim.model.record_run import RecordRun
 from sim.model.recorded import Rows
 from sim.world.plant import World
 
@@ -74,58 +74,29 @@ def simulate_record(
     resistance_time_s: what the resistances are stamped with, by default the rows' times. memory: the film's at the
     first row, by default the world's. Raises ValueError for effects that clash.
     """
-    rows = _rows(time_s, np.clip(current_A, -world.current_limit_A, world.current_limit_A), resistance_time_s)
-    record = _with_test(rows, meter_current_A)
-    chain, own = RecordRun(world.model), _beginning(world, world.first_degC)
+    sent_A = np.clip(current_A, -world.current_limit_A, world.current_limit_A)
+    record = commanded(time_s, sent_A, meter_current_A, resistance_time_s)
+    chain, own = RecordRun(world.model), at_rest(world, world.first_degC)
     plate = chain.plate(record, own)
-    return _read(world, chain, record, plate.path, plate.shown_degC, own, memory)
+    film = chain.film(record, plate.path, own, memory)
+    thermometer, ohmmeter = np.random.default_rng(world.seed).spawn(2)  # with the noise of `SimulatedPlant`'s seed
+    noise_K = world.thermometer_noise_K * thermometer.standard_normal(record.time_s.size)
+    output = film.output - world.ohmmeter_noise_dec * ohmmeter.standard_normal(record.time_s.size)
+    return Readings(chain.links.shown_degC(plate.shown_degC + noise_K), 10.0**-output, output, film.memory)
 
 
-def film_readings(
-    world: World,
-    time_s: Array,
-    temperature_degC: Array,
-    *,
-    meter_current_A: ArrayLike = 0.0,
-    resistance_time_s: Array | None = None,
-    memory: Any = None,
-) -> Readings:
-    """Return the same where the plate's course is what a thermometer read, straight between rows: film and ohmmeter
-    alone."""
-    record = _with_test(_rows(time_s, np.zeros(np.size(time_s)), resistance_time_s), meter_current_A)
-    known = np.isfinite(temperature_degC)
-    read = np.asarray(temperature_degC, dtype=np.float64)
-    plate = np.interp(record.time_s, record.time_s[known], read[known])
-    chain, own = RecordRun(world.model), _beginning(world, float(plate[0]))
-    path = straight_path(record.time_s, plate, chain.spacing.longest_s)
-    return _read(world, chain, record, path, plate, own, memory)
-
-
-def _rows(time_s: Array, current_A: Array, stamps: Array | None) -> Commanded:
+def commanded(
+    time_s: Array, current_A: Array, meter_current_A: ArrayLike = 0.0, stamps_s: Array | None = None
+) -> Commanded:
+    """Return rows whose times count from the first. stamps_s: of the resistances, by default the rows' times."""
     rows = np.asarray(time_s, dtype=np.float64) - float(time_s[0])
-    taken = rows if stamps is None else np.where(np.isfinite(stamps), stamps - float(time_s[0]), rows)
-    return Commanded(rows, np.asarray(current_A, dtype=np.float64), taken, np.zeros(rows.size))
+    taken = rows if stamps_s is None else np.where(np.isfinite(stamps_s), stamps_s - float(time_s[0]), rows)
+    test = np.broadcast_to(np.asarray(meter_current_A, dtype=np.float64), rows.shape)
+    return Commanded(rows, np.asarray(current_A, dtype=np.float64), taken, test)
 
 
-def _with_test(rows: Commanded, meter_current_A: ArrayLike) -> Commanded:
-    test = np.broadcast_to(np.asarray(meter_current_A, dtype=np.float64), rows.time_s.shape)
-    return Commanded(rows.time_s, rows.current_A, rows.taken_s, test)
-
-
-def _beginning(world: World, first_degC: float) -> RecordOwn:
+def at_rest(world: World, first_degC: float) -> RecordOwn:
     """Return the beginning of a record with all at rest."""
     initial = "heated" if world.film_initial == "heated" else "cooled"
     film = FilmStart(initial, (first_degC,))  # type: ignore[arg-type]
     return RecordOwn(world.plate.ambient_degC, np.array([first_degC]), film=film)
-
-
-def _read(
-    world: World, chain: RecordRun, record: Commanded, path: Any, shown_degC: Array, own: RecordOwn, memory: Any
-) -> Readings:
-    """Return what the instruments make of the values, with the noise of `SimulatedPlant`'s seed."""
-    film = chain.film(record, path, own, memory)
-    thermometer, ohmmeter = np.random.default_rng(world.seed).spawn(2)
-    rows = record.time_s.size
-    degC = chain.links.shown_degC(shown_degC + world.thermometer_noise_K * thermometer.standard_normal(rows))
-    output = film.output - world.ohmmeter_noise_dec * ohmmeter.standard_normal(rows)
-    return Readings(degC, 10.0**-output, output, film.memory)

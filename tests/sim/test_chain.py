@@ -7,12 +7,14 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from compensator.hysteresis.film import Memory
 from sim.effects.catalogue import catalogue
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import links_of
 from sim.model.ohmmeter import shown_in_rows
+from sim.model.record_run import RecordRun, straight_path
 from sim.world.films import PreisachFilm
-from sim.world.open_loop import Readings, film_readings, simulate_record
+from sim.world.open_loop import Readings, at_rest, commanded, simulate_record
 from sim.world.plant import SimulatedPlant, World, stamp_s
 from tests.sim.small_chain import CURRENT, FILM, PLATE, TEST_CURRENT_A, TIME, on, world
 
@@ -34,6 +36,15 @@ def event_by_event(rig: World, test_current: float = TEST_CURRENT_A) -> tuple[np
 
 def open_loop(rig: World, **more: object) -> Readings:
     return simulate_record(rig, TIME, CURRENT, **{"meter_current_A": TEST_CURRENT_A, **more})  # type: ignore[arg-type]
+
+
+def film_outputs(
+    rig: World, time_s: np.ndarray, degC: np.ndarray, test_A: float | np.ndarray = 0.0, memory: Memory | None = None
+) -> np.ndarray:
+    """-log10 R of a film whose plate has these temperatures, straight between the rows."""
+    chain, record = RecordRun(rig.model), commanded(time_s, np.zeros(time_s.size), test_A)
+    path = straight_path(record.time_s, degC, chain.spacing.longest_s)
+    return chain.film(record, path, at_rest(rig, float(degC[0])), memory).output
 
 
 @pytest.mark.parametrize("name", [*catalogue(), "all"])
@@ -72,7 +83,7 @@ def test_a_heated_film_has_the_temperature_of_its_own_resistance() -> None:
     """Where the film cannot remember anything, the fixed point is a root of one equation."""
     theta, test_current = 3000.0, 1e-3
     rig = world(on("self_heating", theta_K_per_W=theta))
-    run = film_readings(rig, np.array([0.0, 1.0]), np.array([45.0, 45.0]), meter_current_A=test_current)
+    output = film_outputs(rig, np.array([0.0, 1.0]), np.array([45.0, 45.0]), test_current)
     memory = FILM.initial_memory(45.0, "cooled")
 
     def excess(film_degC: float) -> float:
@@ -80,17 +91,17 @@ def test_a_heated_film_has_the_temperature_of_its_own_resistance() -> None:
 
     film_degC = brentq(excess, 45.0, 300.0, xtol=1e-12)
     assert film_degC > 50.0
-    assert run.output[0] == pytest.approx(FILM.step(film_degC, memory)[0], abs=1e-8)
+    assert output[0] == pytest.approx(FILM.step(film_degC, memory)[0], abs=1e-8)
 
 
 def test_heating_comes_and_goes_with_the_test_current() -> None:
     rig = world(on("self_heating", theta_K_per_W=3000.0))
     rows, test = np.arange(40.0), np.where(np.arange(40) // 10 % 2, 1e-3, 1e-5)
     memory = FILM.initial_memory(45.0, "heated")
-    run = film_readings(rig, rows, np.full(40, 45.0), meter_current_A=test, memory=memory)
-    assert run.output[15] > run.output[5] + 0.05  # warm: less resistance
-    assert run.output[35] == pytest.approx(run.output[15], abs=1e-9)  # a minor loop closes
-    assert run.output[25] > run.output[5] + 1e-3  # hysteresis: not where it was
+    output = film_outputs(rig, rows, np.full(40, 45.0), test, memory)
+    assert output[15] > output[5] + 0.05  # warm: less resistance
+    assert output[35] == pytest.approx(output[15], abs=1e-9)  # a minor loop closes
+    assert output[25] > output[5] + 1e-3  # hysteresis: not where it was
 
 
 @pytest.mark.long
@@ -140,12 +151,12 @@ def test_creep_is_a_share_of_the_hysteretic_part() -> None:
     rows = np.arange(0.0, 1000.0)
     step = np.where(rows < 10.0, 50.0, 64.0)
     share, tau = 0.2, 60.0
-    creeping = film_readings(world(on("creep", share=share, tau_s=tau)), rows, step)
-    plain = film_readings(world(), rows, step)
-    late = creeping.output[12] - plain.output[12]
+    creeping = film_outputs(world(on("creep", share=share, tau_s=tau)), rows, step)
+    plain = film_outputs(world(), rows, step)
+    late = creeping[12] - plain[12]
     assert late < -0.01
-    assert creeping.output[12 + 60] - plain.output[12 + 60] == pytest.approx(late / np.e, rel=1e-3)
-    assert creeping.output[-1] == pytest.approx(plain.output[-1], abs=1e-6)
+    assert creeping[12 + 60] - plain[12 + 60] == pytest.approx(late / np.e, rel=1e-3)
+    assert creeping[-1] == pytest.approx(plain[-1], abs=1e-6)
 
 
 def test_the_sink_shown_is_that_of_the_heat_sink() -> None:
