@@ -114,17 +114,17 @@ def require_different(records: Sequence[Record]) -> None:
 def require_judging(
     holdout: Sequence[Record],
     diagnosed: Sequence[Record],
-    telling: Sequence[Mapping[str, Array]],
+    usable: Sequence[Mapping[str, Array]],
     output: str,
     say: Callable[[str], None],
 ) -> None:
     """Raise Faults, before anything is fitted, for held-out records that cannot judge what is diagnosed.
 
-    telling: of each record that is diagnosed the columns that can be used; output: of the film, as in a model file;
-    say: called for a record that judges the film alone.
+    usable: of each record that is diagnosed the columns that can be used; output: of the film, as in a model file; say:
+    called for a record that judges the film alone.
     """
-    film = any(column_of(output, columns) in columns for columns in telling)
-    plate = any("current_A" in columns for columns in telling)
+    film = any(column_of(output, columns) in columns for columns in usable)
+    plate = any("current_A" in columns for columns in usable)
     lines = []
     for other in holdout:
         name = column_of(output, other.columns)
@@ -202,14 +202,14 @@ def diagnosed(
         text = "it has no times, only the order of its rows; a diagnosis needs them: expected --period SECONDS"
         raise Faults(f"{source}: {text}" for source in timeless)
     output = rising(records, asked.output, say)
-    telling = [usable_columns(one, output) for one in records]
-    for note in dict.fromkeys(note for _, notes in telling for note in notes):
+    usable = [usable_columns(one, output) for one in records]
+    for note in dict.fromkeys(note for _, notes in usable for note in notes):
         say(note)
     _require_alike(records, holdout)
-    require_judging(holdout, records, [columns for columns, _ in telling], output, say)
+    require_judging(holdout, records, [columns for columns, _ in usable], output, say)
     try:
         diagnosis = diagnose(
-            *(columns for columns, _ in telling),
+            *(columns for columns, _ in usable),
             base=asked.base,
             output=output,
             kinds=possible_kinds(records, asked.plate),

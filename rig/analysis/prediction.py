@@ -16,7 +16,7 @@ import numpy as np
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
-from rig.analysis.error import RESIDUAL, residual
+from rig.analysis.error import RESIDUAL, largest, residual, rms
 from rig.analysis.film_records import beyond_seen
 from rig.analysis.inversion import order_warning
 from rig.config.model_file import Drive, Model
@@ -284,10 +284,8 @@ def compared(
         warnings.append(f"{record.source}: no meter_current_A: the model's self-heating is left out")
     room = None  # the model's is of another day
     if found.own is None and found.temperature_degC is not None and model.plate is not None:
-        room = (
-            f"room temperature taken from the model, {model.plate.ambient_degC:.1f} degC; --initial fitted fits it to "
-        )
-        room += "the record's first rows"
+        room = f"room temperature taken from the model, {model.plate.ambient_degC:.1f} degC; "
+        room += "--initial fitted fits it to the record's first rows"
     notes = [*record.left_out_lines(), _gap_note(found), room]
     return Comparison(
         record,
@@ -327,9 +325,8 @@ def errors_of(found: Prediction, model: Model, record: Record) -> list[ChannelEr
         error = residual(measured, predicted, name)[~found.fitted_rows]
         error = error[np.isfinite(error)]
         if error.size:
-            rmse, largest = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
-            mean = float(np.mean(error))
-            errors.append(ChannelError(name, what, unit, rmse, largest, int(error.size), mean, measured, predicted))
+            sizes = rms(error), largest(error), int(error.size), float(np.mean(error))
+            errors.append(ChannelError(name, what, unit, *sizes, measured, predicted))
     return errors
 
 

@@ -27,8 +27,16 @@ if TYPE_CHECKING:
 
 
 def run_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("config", type=Path, help="configuration of bench and experiment (TOML)")
+    parser.add_argument("config", type=Path, help="configuration of bench, experiment and calibration (TOML)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; default runs/DATE/TIME_NAME_ID")
+    _add_bench_arguments(parser)
+
+
+calibrate_arguments = run_arguments
+
+
+def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of each verb that heats: which daemon, without a guard, --json."""
     add_bench_argument(parser)
     add_unguarded_argument(parser)
     add_json_argument(parser)
@@ -63,14 +71,6 @@ def _run(options: argparse.Namespace, guard: Guard) -> int:
     terminal.print(f"report: {result.folder / 'report.html'}")
     terminal.write_json(result.document())
     return 0
-
-
-def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("config", type=Path, help="configuration of bench and calibration (TOML)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; default runs/DATE/TIME_calibration_ID")
-    add_bench_argument(parser)
-    add_unguarded_argument(parser)
-    add_json_argument(parser)
 
 
 def calibrate(options: argparse.Namespace) -> int:
@@ -178,9 +178,7 @@ def improve_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="default runs/DATE/TIME_improve_ID")
     parser.add_argument("--yes", action="store_true", help="do not ask before the rig is heated")
     add_effect_file_argument(parser)
-    add_bench_argument(parser)
-    add_unguarded_argument(parser)
-    add_json_argument(parser)
+    _add_bench_arguments(parser)
 
 
 def improve(options: argparse.Namespace) -> int:
@@ -232,7 +230,7 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, termin
     from rig.experiment.improvement import as_effects, news
     from rig.records.record_file import read_record
     from rig.report.batch import CANDIDATE, MODEL
-    from rig.report.diagnosis import Options, told
+    from rig.report.diagnosis import Options, report_diagnosis
     from rig.report.improvement import Improvement
 
     folder, own = out / "diagnosis", tuple(path.absolute() for path in options.effect_file)
@@ -240,20 +238,22 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, termin
     first = target_error(found.run)
 
     how = Options(Asked(output=found.output), effect_files=own)
-    said = told(record, how, str(folder / MODEL), report=True, say=lambda text: to_stderr(f"{record.source}: {text}"))
-    if said.faults:
-        raise Faults(said.faults)
+    done = report_diagnosis(
+        record, how, str(folder / MODEL), report=True, say=lambda text: to_stderr(f"{record.source}: {text}")
+    )
+    if done.faults:
+        raise Faults(done.faults)
     folder.mkdir(parents=True)
-    said.write_files(folder)
-    for line in said.lines:
+    done.write_files(folder)
+    for line in done.lines:
         terminal.print(line)
-    effects, tried = said.document["effects"], list[str]()
+    effects, tried = done.document["effects"], list[str]()
     new = news(effects, found.known)
-    if not new and CANDIDATE in said.files:
-        tried = news(as_effects(said.document["candidates"][0]), found.known)
+    if not new and CANDIDATE in done.files:
+        tried = news(as_effects(done.document["candidates"][0]), found.known)
     model = folder / (CANDIDATE if tried else MODEL)
     why_not = found.why_not(effects, new, tried) or found.no_better(model, record, effects, new or tried)
-    seen = Improvement(options.run, out, found.law, said.document, said.lines[0], new, tried, model, first)
+    seen = Improvement(options.run, out, found.law, done.document, done.lines[0], new, tried, model, first)
     return replace(seen, why_not=why_not, caveats=found.caveats)
 
 

@@ -385,7 +385,7 @@ def _single(
 ) -> dict[str, Any]:
     """One record, or several as one, with progress on stderr; its document. Raises Faults."""
     from rig.report.batch import MODEL
-    from rig.report.diagnosis import told
+    from rig.report.diagnosis import report_diagnosis
 
     record, *further = records
 
@@ -396,7 +396,7 @@ def _single(
     folder = options.report
     path = options.out if options.out is not None else folder / MODEL if folder is not None else None
     model = None if path is None else str(path)
-    found = told(record, asked, model, *holdout, report=folder is not None, further=further, say=say)
+    found = report_diagnosis(record, asked, model, *holdout, report=folder is not None, further=further, say=say)
     if found.faults:
         raise Faults(found.faults)
     for line in found.lines:

@@ -89,6 +89,13 @@ def tell_holder(path: Path) -> None:
         path.write_text(str(os.getpid()), encoding="ascii")
 
 
+def command_of(process: int) -> str:
+    """Return the command line of a process; "" if it is unknown (elsewhere than on Linux it always is)."""
+    with suppress(OSError):
+        return Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
+    return ""
+
+
 def _holder(path: Path) -> int | None:
     try:
         with path.open("rb") as file:

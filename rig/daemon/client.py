@@ -1,4 +1,7 @@
-"""Talk to a daemon: JSON over HTTP on its Unix socket, the interface of docs/bench_api.md. Import-light.
+"""Talk to a daemon: JSON over HTTP on its Unix socket, the interface of docs/bench_api.md.
+
+Import-light, because `peltier stop` waits for it: `http.client` brings ssl and email with it, which takes longer to
+load than an output to switch off.
 
 Where the socket is, so that `stop` finds it without reading a configuration:
 

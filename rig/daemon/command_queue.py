@@ -85,11 +85,6 @@ def report_of(number: str, folder: str | None) -> str | None:
     return f"/runs/{number}/report.html" if there else None
 
 
-def new_id() -> str:
-    """Return a new job's id."""
-    return secrets.token_hex(4)
-
-
 class JobQueue:
     """Jobs that wait, the one that runs, and the last that ended; safe for any thread."""
 
@@ -494,7 +489,8 @@ class CommandQueue:
         if out is not None:
             check_free(out)
         folder = out if out is not None else default_folder(kind or e.name, self.folder)
-        job = Job(new_id(), name or kind or e.name, kind or e.kind, file, folder, self.label_s())
+        number = secrets.token_hex(4)
+        job = Job(number, name or kind or e.name, kind or e.kind, file, folder, self.label_s())
         with self.lock:  # so that nobody hears of its beginning before
             if not self.queue.add(job):
                 raise Faults(["queue: full; expected fewer waiting jobs"])

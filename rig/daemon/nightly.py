@@ -16,6 +16,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from rig.daemon.web_process import end_process
+
 NIGHT_H = 6  # hours after serve.diagnose_hour in which it may begin: then people come to work
 LOOK_EVERY_S = 10.0
 CHECK_EVERY_S = 0.2  # for a run that begins
@@ -84,7 +86,7 @@ class Nightly:
             reader.start()
             while process.poll() is None:
                 if self._ending.wait(CHECK_EVERY_S) or not self._may():
-                    _end(process)
+                    end_process(process, ENDS_S)
                     return False
             reader.join(ENDS_S)
         self._done = (now.tm_year, now.tm_yday)
@@ -136,12 +138,3 @@ def _in_words(row: dict[str, str]) -> str:
     else:
         text = f"{what} is gone"
     return f"trend: {text} since {row['since'][:10]} (trend/report.html)"
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.terminate()
-    try:
-        process.wait(ENDS_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()

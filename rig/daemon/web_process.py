@@ -109,11 +109,15 @@ class WebProcess:
             process = self._process
         if self._listener is not None:
             self._listener.close()
-        if process is None:
-            return
-        process.terminate()
-        try:
-            process.wait(ENDS_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        if process is not None:
+            end_process(process, ENDS_S)
+
+
+def end_process(process: subprocess.Popen[bytes], patience_s: float) -> None:
+    """Ask a process to end, and end it by force if it does not in time."""
+    process.terminate()
+    try:
+        process.wait(patience_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -260,8 +260,12 @@ class TemperatureController:
         if isnan(self.temperature_limits_degC[0]):
             raise Refused(None, "limits are not configured yet")
 
-    def _stay_armed_if(self, is_on: Callable[[str], bool]) -> None:
-        """Disarm if the output is not on any more for what it was armed for, after the line was in doubt.
+    def _is_on(self, commands: str) -> bool:
+        """Return True if the output is on for what it was armed for."""
+        raise NotImplementedError
+
+    def _check_after_doubt(self) -> None:
+        """Disarm if the output is not on any more, after the line was in doubt: the instrument may have restarted.
 
         An error leaves the line in doubt, so that it is asked again before the next command. Meanwhile it counts as
         not armed: a line that has to be brought in step for this very question asks once.
@@ -269,7 +273,7 @@ class TemperatureController:
         commands, self._armed = self._armed, None
         if commands is not None:
             try:
-                still_on = is_on(commands)
+                still_on = self._is_on(commands)
             except InstrumentError:
                 self._armed = commands
                 raise

@@ -337,10 +337,6 @@ class LakeShoreController(TemperatureController):
     def _twice(self, question: str) -> float:
         return _number(self.link.twice(question)[0])
 
-    def _check_after_doubt(self) -> None:
-        """A controller that was switched off in between comes back off."""
-        self._stay_armed_if(self._is_on)
-
     def _is_on(self, commands: str) -> bool:
         in_range, mode = self.link.answers(f"RANGE? {self._output};OUTMODE? {self._output}", 2)
         return _number(in_range) == self._range and _number(mode.partition(",")[0]) == MODE_FOR[commands]

@@ -117,10 +117,6 @@ class MecomLink:
         body = self._next_body(payload)
         self.transport.send(b"%b%04X\r" % (body, crc_hqx(body, 0)))
 
-    def shout_int(self, parameter: int, value: int) -> None:
-        """Set an INT32 parameter at once, and wait for no acknowledgement."""
-        self.shout(self._setting(parameter, _int32, value))
-
     def query(self, payload: bytes, trials: int = TRIALS) -> bytes:
         """Return the data that answer `payload`. TimedOut, Corrupt (all trials garbled), Refused, Disconnected."""
         return self._exchange(payload, False, trials)
@@ -434,7 +430,7 @@ class MeerstetterController(TemperatureController):
     def _off_and_zero(self) -> bool:
         """Wait for no acknowledgements: the device may hear although its answers are lost."""
         for parameter, value in ((2010, 0), (50000, 0), (50001, 0), (2000, LIVE_SOURCE)):  # 0 is 0.0 A as well
-            self.link.shout_int(parameter, value)
+            self.link.shout(b"VS%04X%b%08X" % (parameter, self.link.instance, value))
         return self._reads_off()
 
     def _emergency_stop(self) -> bool:

@@ -286,10 +286,6 @@ class SrsLdc500Controller(TemperatureController):
     def _read_twice(self, name: str) -> float:
         return _number(self.link.twice(f"{name}?")[0])
 
-    def _check_after_doubt(self) -> None:
-        """A controller that was switched off in between comes back off."""
-        self._stay_armed_if(self._is_on)
-
     def _is_on(self, commands: str) -> bool:
         on, mode = (_number(text) for text in self.link.answers("TEON?;TMOD?", 2))
         return on == 1 and mode == MODES[commands]

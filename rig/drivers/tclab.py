@@ -269,11 +269,7 @@ class TcLabController(TemperatureController):
             raise Corrupt(f"{text!r} is no number of a TCLab")
         return float(text)
 
-    def _check_after_doubt(self) -> None:
-        """A board that has restarted in between, or not understood a command, has its heaters off."""
-        self._stay_armed_if(self._drives)
-
-    def _drives(self, _: str) -> bool:
+    def _is_on(self, _: str) -> bool:
         if not self._percent:
             return True
         first, second = self._number_pair(f"R{self._heater}")

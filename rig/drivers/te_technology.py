@@ -544,10 +544,12 @@ class TeTechnologyController(TemperatureController):
         self._fahrenheit = units == 0
 
     def _check_after_doubt(self) -> None:
-        """Forget the units, and ask whether power is still on: the instrument may have restarted."""
         if self._model.units and not self._given_units:
             self._fahrenheit = None
-        self._stay_armed_if(lambda _: self.link.sequence((self._power_read, None)) == [1])
+        super()._check_after_doubt()
+
+    def _is_on(self, _: str) -> bool:
+        return self.link.sequence((self._power_read, None)) == [1]
 
     def _fixed(self, temperature_degC: float) -> int:
         self._learn_units()

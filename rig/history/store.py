@@ -27,7 +27,7 @@ from typing import Any
 
 from rig.core.clock import DAY_S
 from rig.core.errors import PortHeld
-from rig.core.file_writing import locked, tell_holder
+from rig.core.file_writing import command_of, locked, tell_holder
 from rig.core.reading import KEPT
 
 SIDE_FILES = ("", "-wal", "-shm")
@@ -90,7 +90,7 @@ def _in_words(path: Path, endings: tuple[str, ...], how: str, at: range) -> str:
         for process, kind, inode, first in _locks()
         if kind == how and inode in inodes and first in at and process > 0 and process != os.getpid()
     )
-    return ", ".join(f"process {number}{_command(number)}" for number in found)
+    return ", ".join(f"process {number} ({command_of(number)})".replace(" ()", "") for number in found)
 
 
 def _locks() -> Iterator[tuple[int, str, int, int]]:
@@ -100,13 +100,6 @@ def _locks() -> Iterator[tuple[int, str, int, int]]:
             words = line.split()
             if "->" not in words:  # those with an arrow wait for the lock
                 yield int(words[4]), words[3], int(words[5].rsplit(":", 1)[1]), int(words[6])
-
-
-def _command(process: int) -> str:
-    with contextlib.suppress(OSError):
-        words = Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
-        return f" ({words})" if words else ""
-    return ""
 
 
 def stat_of(path: Path) -> os.stat_result | None:

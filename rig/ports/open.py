@@ -12,6 +12,7 @@ import serial
 
 import rig.ports.protocol_sim  # noqa: F401 - makes sim:// and visa:// known to pyserial
 from rig.core.errors import Disconnected, PortHeld
+from rig.core.file_writing import command_of
 from rig.ports.transport import GONE
 
 WRITE_TIMEOUT_S = 1.0  # a message is a few bytes: a port that takes none for that long is gone
@@ -154,6 +155,4 @@ def _is_far_end(process: int, device: str) -> bool:
 def _command(process: int) -> str:
     if is_still_trying(process):
         return "still trying to switch the output off; `peltier off CONFIG` takes over"
-    with contextlib.suppress(OSError):
-        return Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
-    return ""
+    return command_of(process)

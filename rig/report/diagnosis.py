@@ -407,7 +407,7 @@ class Options:
     effect_files: tuple[Path, ...] = ()
 
 
-def told(
+def report_diagnosis(
     record: Any,
     options: Options,
     model: str | None = None,
@@ -458,7 +458,7 @@ def _rank(row: Mapping[str, Any]) -> tuple[int, float, int]:
 
 def diagnoses(options: Options, holdout: Sequence[Record]) -> Task:
     return Task(
-        work=told,
+        work=report_diagnosis,
         options=options,
         document="diagnosis.json",
         table="diagnoses",
