@@ -20,7 +20,6 @@ from rig.drivers.controller import OF_FULL_DRIVE
 
 if TYPE_CHECKING:
     from rig.core.reading import Reading
-    from rig.core.streams import PatientLine
 
 
 class Terminal:
@@ -53,8 +52,6 @@ class Terminal:
         if virtual and not sys.stderr.isatty():
             yield None
             return
-        from rig.core.streams import PatientLine, TerminalLine
-
         self._line = PatientLine(TerminalLine(sys.stderr))
         try:
             yield Progress(self._line, virtual)

@@ -6,14 +6,14 @@ import contextlib
 import ctypes
 import ipaddress
 import os
-import signal
 import socket
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, MutableMapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from rig.config.configuration import ConfigurationFile
 from rig.config.tables import EpicsTable
@@ -21,6 +21,7 @@ from rig.core.errors import RigError
 from rig.core.faults import fault
 from rig.core.requirements import to_install
 from rig.daemon.client import Client, NoDaemon, Refusal
+from rig.safety.signals import SignalStop
 
 EVERYWHERE = "0.0.0.0"
 SILENCE_S = 7.5  # the daemon sends its state at least every 5 s
@@ -30,10 +31,11 @@ Take = Callable[[str, dict[str, Any]], None]
 Place = Callable[[], Path]  # returns the daemon's present socket
 
 
-def serve(file: ConfigurationFile, place: Place, tell: Callable[[str], None]) -> int:
-    """Serve the bench whose daemon listens, or will listen, at `place`, until signal n; return 128 + n.
+def serve(file: ConfigurationFile, place: Place, report: Callable[[str], None]) -> NoReturn:
+    """Serve the bench whose daemon listens, or will listen, at `place`, until a signal.
 
-    Raises Faults if softioc is missing; RigError if a port is taken, or EPICS does not accept the access list.
+    Raises Stopped then; Faults if softioc is missing; RigError if a port is taken, or EPICS does not accept the access
+    list.
     """
     table, serving = file.content.epics, file.content.serve
     for port in (table.ca_port, table.pva_port):
@@ -51,13 +53,16 @@ def serve(file: ConfigurationFile, place: Place, tell: Callable[[str], None]) ->
     StopRecord(place)
     commands = Commands(place, published) if table.write else None
     takes = [published.take, *([commands.take] if commands is not None else [])]
-    with _ended_by_signal() as ended:
+    with SignalStop() as signals:
+        signals.shield()  # EPICS is begun as a whole, or not at all
         _begin(access_list(table))
         write = "for those of the list" if table.write else "off"
         at = f"ca {table.address}:{table.ca_port} pva {table.address}:{table.pva_port}"
-        tell(f"epics {prefix} {at} write {write}")
+        report(f"epics {prefix} {at} write {write}")
         threading.Thread(target=_follow, args=(place, takes, published.lost), name="events", daemon=True).start()
-        return 128 + ended()
+        signals.expose()
+        while True:  # Python runs signal handlers between two steps of its main thread
+            time.sleep(0.5)
 
 
 def _listen(table: EpicsTable, environment: MutableMapping[str, str]) -> None:
@@ -112,32 +117,7 @@ def _follow(place: Place, takes: list[Take], lost: Callable[[], None]) -> None:
                         take(message["event"], message["data"])
         except (NoDaemon, Refusal):
             lost()
-        threading.Event().wait(AGAIN_S)
-
-
-@contextlib.contextmanager
-def _ended_by_signal() -> Iterator[Callable[[], int]]:
-    """Yield a function that waits for INT, TERM, HUP or QUIT, and returns its number."""
-    numbers = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT}
-    received: list[int] = []
-    there = threading.Event()
-
-    def handle(number: int, _: object) -> None:
-        received.append(number)
-        there.set()
-
-    before = {number: signal.signal(number, handle) for number in numbers}
-
-    def wait() -> int:
-        while not there.wait(0.5):  # Python runs signal handlers between two steps of its main thread
-            pass
-        return received[0]
-
-    try:
-        yield wait
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        time.sleep(AGAIN_S)
 
 
 @contextlib.contextmanager

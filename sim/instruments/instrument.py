@@ -49,24 +49,8 @@ class Plant(Protocol):
         """Send the ohmmeter's test current through the film from now on, A."""
 
 
-class Instrument(Protocol):
-    """An instrument at the far end of a serial line."""
-
-    def receive(self, data: bytes, time_s: float) -> None:
-        """Take bytes that the host has written at `time_s`; they arrive here as fast as the baud rate allows."""
-
-    def transmit(self, time_s: float) -> bytes:
-        """Run the plant to `time_s` and return the bytes that have reached the host by then, each once."""
-
-    def next_transmit_s(self) -> float | None:
-        """Return when the next bytes are expected at the host, s; None if nothing is under way.
-
-        They may come later (a meter that changes its range measures again), never earlier.
-        """
-
-
-class SerialInstrument:
-    """Base of the emulators: an `Instrument` that cuts what arrives into lines and keeps replies until they are due.
+class Instrument:
+    """An instrument at the far end of a serial line: cuts what arrives into lines, keeps replies until they are due.
 
     byte_s: time of one character on the wire, s; 0 takes no time. An emulator takes its lines in `_take_line` and puts
     its replies on the wire with `_send`.
@@ -84,6 +68,7 @@ class SerialInstrument:
         self._receiving_until_s = self._sending_until_s = start_s
 
     def receive(self, data: bytes, time_s: float) -> None:
+        """Take bytes that the host has written at `time_s`; they arrive here as fast as the baud rate allows."""
         begin_s = max(time_s, self._receiving_until_s)
         already, data = len(self._partial), self._partial + data
         one_end, *others = self.ENDS
@@ -98,6 +83,7 @@ class SerialInstrument:
         self._partial = rest[-self.LONGEST_PARTIAL :]
 
     def transmit(self, time_s: float) -> bytes:
+        """Run the plant to `time_s` and return the bytes that have reached the host by then, each once."""
         self._plant.advance_to(time_s)
         replies = self._replies
         if not replies or replies[0][0] > time_s:
@@ -108,6 +94,10 @@ class SerialInstrument:
         return data
 
     def next_transmit_s(self) -> float | None:
+        """Return when the next bytes are expected at the host, s; None if nothing is under way.
+
+        They may come later (a meter that changes its range measures again), never earlier.
+        """
         return self._replies[0][0] if self._replies else self._next_reply_s()
 
     def _send(self, data: bytes, begin_s: float) -> None:

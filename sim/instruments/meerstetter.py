@@ -32,7 +32,7 @@ from dataclasses import dataclass
 from math import copysign, inf, isfinite, isnan, nan
 from typing import ClassVar
 
-from sim.instruments.instrument import TICK_S, Plant, Regulator, SerialInstrument, Ticking
+from sim.instruments.instrument import TICK_S, Instrument, Plant, Regulator, Ticking
 
 READY, RUN, ERROR, RESETTING = 1, 2, 3, 5  # of parameter 104
 EMERGENCY_STOP, SENSOR_OPEN, BELOW_LIMIT, ABOVE_LIMIT, CHANGED_TOO_FAST = 11, 134, 137, 138, 139  # device errors
@@ -112,7 +112,7 @@ def table(device_type: int) -> dict[int, Parameter]:
     return {parameter.number: parameter for parameter in parameters}
 
 
-class MeerstetterTec(SerialInstrument, Ticking):
+class MeerstetterTec(Instrument, Ticking):
     """One-channel TEC controller of the 1089 to 1161 family.
 
     address: 1..254. response_s: from the request's last character to the reply's first. baudrate: of the line, 1/s; inf

@@ -18,7 +18,7 @@ from itertools import product
 from math import inf
 from typing import ClassVar
 
-from sim.instruments.instrument import Plant, SerialInstrument
+from sim.instruments.instrument import Instrument, Plant
 
 SET, ASK = "", "?"
 
@@ -166,7 +166,7 @@ def unquoted(parameters: Parameters) -> str:
     return word[1:-1]
 
 
-class ScpiInstrument(SerialInstrument):
+class ScpiInstrument(Instrument):
     """An instrument that takes messages in turn; its commands are in `_tree`.
 
     A message acts `command_s` after its terminator has arrived; messages wait while one of them waits for a

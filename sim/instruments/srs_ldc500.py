@@ -21,7 +21,7 @@ from collections import deque
 from collections.abc import Callable
 from math import copysign, isfinite, isnan, nan
 
-from sim.instruments.instrument import Plant, Regulator, SerialInstrument, Ticking
+from sim.instruments.instrument import Instrument, Plant, Regulator, Ticking
 
 LONGEST_INPUT, LONGEST_OUTPUT = 64, 256  # bytes of its buffers
 TERMINATORS = (b"", b"\r", b"\n", b"\r\n", b"\n\r")
@@ -76,7 +76,7 @@ class ExecutionError(CommandError):
     LOG, BIT = "LEXE", EXECUTION_ERROR
 
 
-class SrsLdc500(SerialInstrument, Ticking):
+class SrsLdc500(Instrument, Ticking):
     """One controller.
 
     baudrate: of the line, 1/s; inf takes no time. error_s: until an error can be asked for. heating_sign: +1 if

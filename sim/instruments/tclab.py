@@ -13,7 +13,7 @@ import re
 from collections import deque
 from math import isnan
 
-from sim.instruments.instrument import Plant, SerialInstrument
+from sim.instruments.instrument import Instrument, Plant
 
 # of the board's converter: 3.3 V in 1024 steps, a TMP36 at 10 mV/K with 0.5 V at 0 degC
 DEGC_PER_STEP, LOWEST_DEGC, LARGEST_STEP = 0.3223, -50.0, 1023
@@ -22,7 +22,7 @@ COMMAND_S = 0.0003  # that the board takes for a command
 NUMBER = re.compile(r"[+-]?\d*\.?\d*")
 
 
-class TcLab(SerialInstrument):
+class TcLab(Instrument):
     """One board. version: of its firmware. heater: the one that is on the plate.
 
     full_drive_A: current into the plant at 100 % with the usual power limit, 200. baudrate: of the line, 1/s; inf takes

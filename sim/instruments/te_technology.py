@@ -33,7 +33,7 @@ from dataclasses import dataclass
 from math import inf, isnan
 from typing import ClassVar
 
-from sim.instruments.instrument import Plant, Regulator, SerialInstrument, Ticking
+from sim.instruments.instrument import Instrument, Plant, Regulator, Ticking
 
 FULL_POWER = 511  # of the power's scale, 100 %
 HIGH, LOW, OPEN_1, OPEN_2 = 1, 2, 16, 32  # bits of the alarms
@@ -114,7 +114,7 @@ MODELS = {
 }
 
 
-class TeTechnology(SerialInstrument, Ticking):
+class TeTechnology(Instrument, Ticking):
     """One controller. model: "tc-36-25" or "tc-48-20".
 
     full_power_A: current at 100 % (supply voltage over the element's resistance). heating_sign: +1 if positive power
