@@ -23,13 +23,16 @@ from rig.command.record_arguments import (
     writable_file,
     writable_folder,
 )
-from rig.command.terminal import Terminal
+from rig.command.terminal import Terminal, to_stderr
 from rig.core.faults import Faults, fault
+from rig.core.file_writing import writing
 from rig.records.record_file import Record, print_columns, write_columns
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rig.config.model_file import Model
-    from rig.report.diagnosis import Options
+    from rig.report.batch import Task
 
 
 def identify_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,36 +71,21 @@ def identify(options: argparse.Namespace) -> int:
     The film is fitted to records with temperature and resistance, the plate to records with temperature and current.
     With --each every record gets its own model; --report DIR then has a folder for each, and a table of all.
     """
-    if options.out is not None:
-        if options.each:
-            raise fault("--out", str(options.out), "expected --report DIR with --each: it has a model of each record")
-        writable_file(options.out)
-    if options.report is not None:
-        writable_folder(options.report)
-        if is_of_many(options.report) and not options.each:
-            expected = "has the table of many records; expected --each, or another DIR"
-            raise fault("--report", str(options.report), expected)
-    terminal = Terminal(options.json)
+    if options.out is not None and options.each:
+        raise fault("--out", str(options.out), "expected --report DIR with --each: it has a model of each record")
+    if is_of_many(options.report) and not options.each:
+        expected = "has the table of many records; expected --each, or another DIR"
+        raise fault("--report", str(options.report), expected)
+    terminal = _checked(options)
     each = read_each(options.records, options) if options.each else []
     records = [] if options.each else read_records(options.records, options)
     from rig.analysis.identification import FitOptions  # a second or two: after what may be refused has been read
-    from rig.report.model_pages import report_identification
+    from rig.report.model_pages import identifications
 
-    fit = FitOptions(**{field.name: getattr(options, field.name) for field in fields(FitOptions)})
+    task = identifications(FitOptions(**{field.name: getattr(options, field.name) for field in fields(FitOptions)}))
     if options.each:
-        from rig.report.model_pages import identifications
-
-        return report_each(each, identifications(fit), options, terminal)
-    folder = options.report
-    if folder is not None:
-        folder.mkdir(exist_ok=True)
-    models = [path for path in (options.out, folder / "model.toml" if folder is not None else None) if path is not None]
-    result = report_identification(records, fit, models, folder, terminal.print)
-    if models:
-        terminal.print(f"model: {models[0]}")
-    if folder is not None:
-        terminal.print(f"report: {folder / 'report.html'}")
-    terminal.write_json(result)
+        return report_each(each, task, options, terminal)
+    terminal.write_json(_together(records, task, options, terminal, terminal.print))
     return 0
 
 
@@ -137,15 +125,7 @@ def predict(options: argparse.Namespace) -> int:
     """
     from rig.config.model_file import read_model
 
-    if options.out is not None:
-        writable_file(options.out)
-    if options.report is not None:
-        writable_folder(options.report)
-    terminal = Terminal(options.json)
-    if options.effect_file:
-        from rig.config.effect_tables import add_effect_files
-
-        add_effect_files(options.effect_file)
+    terminal = _checked(options)
     model = read_model(options.model)
     records = read_records(options.records, options)
     several = len(records) > 1
@@ -316,18 +296,10 @@ def diagnose(options: argparse.Namespace) -> int:
     if of_many and options.joint:
         raise fault("--report", str(options.report), "has the table of many records; expected another DIR for --joint")
     several = not options.joint and (len(options.records) > 1 or of_many)  # one more of them, as well
-    if options.out is not None:
-        if several:
-            expected = "expected a single RECORD, none of many; --report DIR writes a model for each"
-            raise fault("--out", str(options.out), expected)
-        writable_file(options.out)
-    if options.report is not None:
-        writable_folder(options.report)
-    terminal = Terminal(options.json)
-    if options.effect_file:
-        from rig.config.effect_tables import add_effect_files
-
-        add_effect_files(options.effect_file)
+    if options.out is not None and several:
+        expected = "expected a single RECORD, none of many; --report DIR writes a model for each"
+        raise fault("--out", str(options.out), expected)
+    terminal = _checked(options)
     if options.budget is not None and not options.budget > 0.0:
         raise fault("--budget", f"{options.budget:g}", "expected a number of seconds > 0")
     if options.first is not None and not options.holdout:
@@ -349,19 +321,16 @@ def diagnose(options: argparse.Namespace) -> int:
     records = [] if several else read_records(options.records, options)
     holdout = read_records(options.holdout, options) if options.holdout else []
     from rig.analysis.diagnosed import Asked  # seconds: after what may be refused has been read
-    from rig.report.diagnosis import Options
+    from rig.report.diagnosis import Options, diagnoses
 
+    asked = Asked(base, options.output, options.plate, None, options.budget, options.false_alarm, options.first)
     own = tuple(path.absolute() for path in options.effect_file)
-    asked = Options(
-        Asked(base, options.output, options.plate, None, options.budget, options.false_alarm, options.first),
-        tuple(options.assume),
-        own,
-    )
+    task = diagnoses(Options(asked, tuple(options.assume), own), holdout)
     if several:
-        from rig.report.diagnosis import diagnoses
-
-        return report_each(each, diagnoses(asked, holdout), options, terminal)
-    terminal.write_json(_single(records, asked, holdout, options, terminal))
+        return report_each(each, task, options, terminal)
+    others = f" and {len(records) - 1} more" if len(records) > 1 else ""
+    say = lambda text: to_stderr(f"{records[0].source}{others}: {text}")  # noqa: E731
+    terminal.write_json(_together(records, task, options, terminal, say))
     return 0
 
 
@@ -380,23 +349,34 @@ def _base(options: argparse.Namespace) -> str | None:
     return "generalized_pi"
 
 
-def _single(
-    records: list[Record], asked: Options, holdout: list[Record], options: argparse.Namespace, terminal: Terminal
+def _checked(options: argparse.Namespace) -> Terminal:
+    """Return the terminal of a verb that reads records; load user-defined effects. Raises Faults for what cannot be
+    written, before anything is computed."""
+    if options.out is not None:
+        writable_file(options.out)
+    if options.report is not None:
+        writable_folder(options.report)
+    terminal = Terminal(options.json)
+    if getattr(options, "effect_file", None):
+        from rig.config.effect_tables import add_effect_files
+
+        add_effect_files(options.effect_file)
+    return terminal
+
+
+def _together(
+    records: list[Record], task: Task, options: argparse.Namespace, terminal: Terminal, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """One record, or several as one, with progress on stderr; its document. Raises Faults."""
+    """Do a task with one record, or with several as one: print the result, write what is asked for, return the
+    document. say: takes progress. Raises Faults."""
     from rig.report.batch import MODEL
-    from rig.report.diagnosis import report_diagnosis
 
     record, *further = records
-
-    def say(text: str) -> None:
-        others = f" and {len(further)} more" if further else ""
-        print(f"{record.source}{others}: {text}", file=sys.stderr, flush=True)
-
     folder = options.report
     path = options.out if options.out is not None else folder / MODEL if folder is not None else None
     model = None if path is None else str(path)
-    found = report_diagnosis(record, asked, model, *holdout, report=folder is not None, further=further, say=say)
+    report = folder is not None
+    found = task.work(record, task.options, model, *task.shared, report=report, further=further, say=say)
     if found.faults:
         raise Faults(found.faults)
     for line in found.lines:
@@ -404,7 +384,8 @@ def _single(
     if folder is not None:
         found.write_files(folder)
     if options.out is not None:
-        options.out.write_bytes(found.files[MODEL])
+        with writing(options.out) as new:
+            new.write_bytes(found.files[MODEL])
     if path is not None:
         terminal.print(f"model: {path}")
     if folder is not None:

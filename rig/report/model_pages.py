@@ -165,7 +165,6 @@ def forc_figure(folder: Path, forc: Forc, name: str) -> str:
     return page.saved(fig, folder, name, caption)
 
 
-Say = Callable[[str], None]
 NOT_DETERMINED = "Warnings, and what this record cannot determine"
 PLATE_PARAMETERS = {
     "seebeck_over_capacity_per_A_s": ("Seebeck coefficient / heat capacity, S/C", "1/(A s)"),
@@ -179,48 +178,39 @@ PLATE_PARAMETERS = {
 
 
 def report_identification(
-    records: list[Record], options: FitOptions, models: Sequence[Path], report: Path | None, say: Say
-) -> dict[str, Any]:
-    """Fit one film and one plate to all records, and return the JSON of `peltier identify`. Raises Faults.
+    record: Any,
+    options: FitOptions,
+    model: str | None = None,
+    *,
+    report: bool | None = None,
+    further: Sequence[Record] = (),
+    say: Callable[[str], None] | None = None,
+) -> RecordReport:
+    """Fit one film and one plate to a record, or to it and `further` ones together.
 
-    models: files to write the model to; report: folder, which is there; say: called with each line for the terminal.
+    record: a `Record`, or what an engine shares of it. model: where its model will stand; None: nowhere. report: True
+    if its files are wanted; None: where the model is. say: takes each decision on the way; None: they are lines.
     """
-    found = identified(records, options, say)
-    for line in found.lines():
-        say(line)
-    result = found.document()
-    for path in models:
-        write_model(path, found.model, found.model_comment())
-    if models:
-        result["model"] = models[0]
-    if report is not None:
-        write_text(report / "identification.json", plain_json(result) + "\n")
-        _write_identification_page(report, found, result)
-    return result
-
-
-def _report_one(record: Any, options: FitOptions, model: str | None = None) -> RecordReport:
-    """Identify one record: a `Record`, or what an engine shares of it. model: path where its model will stand; None:
-    nowhere, and no report is made."""
     lines: list[str] = []
+    try:
+        found = identified([given(record), *further], options, say or lines.append)
+    except Faults as faults:
+        return RecordReport(faults=tuple(faults.lines))
+    result = found.document() | ({} if model is None else {"model": model})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        try:
-            models, report = ([folder / MODEL], folder) if model is not None else ([], None)
-            result = report_identification([given(record)], options, models, report, lines.append)
-        except Faults as faults:
-            return RecordReport(faults=tuple(faults.lines))
-        files = files_in(folder)
-    if model is not None:
-        result["model"] = model
-        files["identification.json"] = (plain_json(result) + "\n").encode()
-    return RecordReport(result, tuple(lines), files)
+        if model is not None:
+            write_model(folder / MODEL, found.model, found.model_comment())
+        if report if report is not None else model is not None:
+            write_text(folder / "identification.json", plain_json(result) + "\n")
+            _write_identification_page(folder, found, result)
+        return RecordReport(result, (*lines, *found.lines()), files_in(folder))
 
 
 def identifications(options: FitOptions) -> Task:
     """Return the task of identifying many records, each by itself."""
     return Task(
-        work=_report_one,
+        work=report_identification,
         options=options,
         document="identification.json",
         table="identifications",
