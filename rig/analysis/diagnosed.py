@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -172,7 +173,7 @@ class Asked:
     file; plate: its kind, None: what the drive allows; assume: effects that are there, with the parameters that are
     known; budget_s: how long it may take; false_alarm: the share of records without any effect that may be given a
     name; first_s: seconds of a held-out record to which its own room, first temperatures and memory are fitted, None:
-    30 s or 20 rows, whichever is more."""
+    30 s or 20 rows, whichever is more; effect_files: user-defined effects, which another process has to load too."""
 
     base: str | None = None
     output: str = FALLING_RESISTANCE
@@ -181,6 +182,7 @@ class Asked:
     budget_s: float | None = None
     false_alarm: float | None = None
     first_s: float | None = None
+    effect_files: tuple[Path, ...] = ()
 
 
 def diagnosed(

@@ -230,14 +230,14 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, termin
     from rig.experiment.improvement import as_effects, news
     from rig.records.record_file import read_record
     from rig.report.batch import CANDIDATE, MODEL
-    from rig.report.diagnosis import Options, report_diagnosis
+    from rig.report.diagnosis import report_diagnosis
     from rig.report.improvement import Improvement
 
     folder, own = out / "diagnosis", tuple(path.absolute() for path in options.effect_file)
     record = read_record(found.run.part / "record.csv")
     first = target_error(found.run)
 
-    how = Options(Asked(output=found.output), effect_files=own)
+    how = Asked(output=found.output, effect_files=own)
     done = report_diagnosis(
         record, how, str(folder / MODEL), report=True, say=lambda text: to_stderr(f"{record.source}: {text}")
     )

@@ -310,10 +310,11 @@ def diagnose(options: argparse.Namespace) -> int:
         if not FALSE_ALARMS[0] <= options.false_alarm <= FALSE_ALARMS[1]:
             expected = f"expected a share from {FALSE_ALARMS[0]:g} to {FALSE_ALARMS[1]:g}"
             raise fault("--false-alarm", f"{options.false_alarm:g}", expected)
+    assumed = None
     if options.assume:
         from rig.config.effect_tables import parse_assumed_effects
 
-        parse_assumed_effects(options.assume)
+        assumed = parse_assumed_effects(options.assume)
     base = _base(options)
     if options.initial != "fitted":
         print("--initial: the film's memory is fitted with the record", file=sys.stderr)
@@ -321,11 +322,11 @@ def diagnose(options: argparse.Namespace) -> int:
     records = [] if several else read_records(options.records, options)
     holdout = read_records(options.holdout, options) if options.holdout else []
     from rig.analysis.diagnosed import Asked  # seconds: after what may be refused has been read
-    from rig.report.diagnosis import Options, diagnoses
+    from rig.report.diagnosis import diagnoses
 
-    asked = Asked(base, options.output, options.plate, None, options.budget, options.false_alarm, options.first)
     own = tuple(path.absolute() for path in options.effect_file)
-    task = diagnoses(Options(asked, tuple(options.assume), own), holdout)
+    how = options.budget, options.false_alarm, options.first
+    task = diagnoses(Asked(base, options.output, options.plate, assumed, *how, own), holdout)
     if several:
         return report_each(each, task, options, terminal)
     others = f" and {len(records) - 1} more" if len(records) > 1 else ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,7 @@ from rig.analysis.error import residual, residual_label
 from rig.analysis.film_records import earlier_film_records, fitted_to
 from rig.analysis.trend import of_diagnosis
 from rig.batch import given
-from rig.config.effect_tables import add_effect_files, parse_assumed_effects
+from rig.config.effect_tables import add_effect_files
 from rig.config.model_file import write_model
 from rig.core.faults import Faults
 from rig.core.file_writing import write_text
@@ -397,19 +396,9 @@ def _runners_up(diagnosis: Diagnosis) -> list[str]:
 RANK = ("partly_unexplained", "explained", "unexplained", "too_short", "clean")
 
 
-@dataclass(frozen=True)
-class Options:
-    """asked: how to diagnose, without what is assumed; assume: NAME[:param=value,...] of effects that are there;
-    effect_files: user-defined effects, which another process has to load too."""
-
-    asked: Asked
-    assume: tuple[str, ...] = ()
-    effect_files: tuple[Path, ...] = ()
-
-
 def report_diagnosis(
     record: Any,
-    options: Options,
+    asked: Asked,
     model: str | None = None,
     *holdout: Any,
     report: bool | None = None,
@@ -422,11 +411,10 @@ def report_diagnosis(
     report: True if its files are wanted; None: where the model is. further: records that are diagnosed with it as one;
     say: takes progress.
     """
-    add_effect_files(options.effect_files)
+    add_effect_files(asked.effect_files)
     one: Record = given(record)
     earlier = earlier_film_records(one.source, say)
     records = [one, *further]
-    asked = replace(options.asked, assume=parse_assumed_effects(options.assume))
     try:
         diagnosis, extended = diagnosed(records, asked, [given(other) for other in holdout], earlier, say)
     except Faults as faults:
@@ -456,10 +444,10 @@ def _rank(row: Mapping[str, Any]) -> tuple[int, float, int]:
     return place, -max(evidence, default=0.0), int(row["number"])
 
 
-def diagnoses(options: Options, holdout: Sequence[Record]) -> Task:
+def diagnoses(asked: Asked, holdout: Sequence[Record]) -> Task:
     return Task(
         work=report_diagnosis,
-        options=options,
+        options=asked,
         document="diagnosis.json",
         table="diagnoses",
         title="Diagnoses",
@@ -467,5 +455,5 @@ def diagnoses(options: Options, holdout: Sequence[Record]) -> Task:
         rank=_rank,
         columns={"verdict": "verdict", "named": "effects and sizes", "left": "left over"},
         shared=tuple(holdout),
-        files=options.effect_files,
+        files=asked.effect_files,
     )

@@ -96,11 +96,11 @@ def test_records_that_come_to_others_take_nothing_from_them(tmp_path: Path, pelt
 def test_an_effect_of_ones_own_that_was_changed_is_another_task(tmp_path: Path) -> None:
     from rig.analysis.diagnosed import Asked
     from rig.report.batch import digest_of
-    from rig.report.diagnosis import Options, diagnoses
+    from rig.report.diagnosis import diagnoses
 
     own = tmp_path / "own.py"
     own.write_text("a = 1\n")
-    task = diagnoses(Options(Asked(), effect_files=(own,)), [])
+    task = diagnoses(Asked(effect_files=(own,)), [])
     before = digest_of(task)
     assert digest_of(task) == before
     own.write_text("a = 2\n")
