@@ -13,7 +13,6 @@ import threading
 import time
 import tty
 from collections.abc import Mapping
-from types import TracebackType
 
 from sim.instruments.instrument import Instrument
 
@@ -24,38 +23,31 @@ CHUNK = 4096
 class PseudoTerminals:
     """Serve `instruments`, by name, from `start` until `stop`, or within a with block.
 
-    speed: simulated seconds a second. start_s: simulated time at the beginning. paths: the names to open, such as
-    /dev/pts/3. heard_s: when each was written to last (time.monotonic). Bytes that nobody reads are lost when the
-    terminal's buffer is full, as on a wire.
+    speed: simulated seconds a second. paths: the names to open, such as /dev/pts/3. heard_s: when each was written to
+    last (time.monotonic). failure: what ended the serving. Bytes that nobody reads are lost when the terminal's buffer
+    is full, as on a wire.
     """
 
-    def __init__(self, instruments: Mapping[str, Instrument], *, speed: float = 1.0, start_s: float = 0.0) -> None:
+    def __init__(self, instruments: Mapping[str, Instrument], *, speed: float = 1.0) -> None:
         if not speed > 0.0:
             raise ValueError(f"a speed of {speed} is not positive")
-        self._instruments = dict(instruments)
-        self._speed, self._start_s = speed, start_s
-        self._masters: dict[int, Instrument] = {}
-        self._slaves: list[int] = []
+        self._instruments, self._speed = dict(instruments), speed
+        self._names: dict[int, str] = {}  # by the descriptor of the terminal's far end
+        self._near_ends: list[int] = []
         self.paths: dict[str, str] = {}
         self.heard_s: dict[str, float] = {}
-        self._names: dict[int, str] = {}
         self.failure: BaseException | None = None
-        self._wake_reader, self._wake_writer = os.pipe()
         self._stopping = threading.Event()
-        self._thread: threading.Thread | None = None
-        for name, instrument in self._instruments.items():
-            master, slave = pty.openpty()
-            tty.setraw(slave)
-            os.set_blocking(master, False)
-            self._masters[master], self._names[master] = instrument, name
-            self._slaves.append(slave)
-            self.paths[name] = os.ttyname(slave)
-        self._began_s = time.monotonic()
-
-    def now_s(self) -> float:
-        return self._start_s + (time.monotonic() - self._began_s) * self._speed
+        for name in self._instruments:
+            far, near = pty.openpty()
+            tty.setraw(near)
+            os.set_blocking(far, False)
+            self._names[far] = name
+            self._near_ends.append(near)
+            self.paths[name] = os.ttyname(near)
 
     def start(self) -> None:
+        """Serve in a thread of its own."""
         self._began_s = time.monotonic()
         self._thread = threading.Thread(target=self._serve_safely, name="pseudo-terminals", daemon=True)
         self._thread.start()
@@ -63,32 +55,37 @@ class PseudoTerminals:
     def stop(self) -> None:
         """End the thread and close the terminals; raise what the emulators raised, if they did."""
         self._stopping.set()
-        if self._wake_writer >= 0:
-            os.write(self._wake_writer, b"x")
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
-        self._close()
+        self._thread.join()
+        for descriptor in (*self._names, *self._near_ends):
+            os.close(descriptor)
         if self.failure is not None:
-            failure, self.failure = self.failure, None
-            raise failure
+            raise self.failure
 
-    def serve(self) -> None:
-        """Serve in this thread until another calls `stop`, or an exception ends it."""
-        self._began_s = time.monotonic()
-        selector = selectors.DefaultSelector()
+    def __enter__(self) -> PseudoTerminals:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def now_s(self) -> float:
+        """Return the simulated time, s."""
+        return (time.monotonic() - self._began_s) * self._speed
+
+    def _serve_safely(self) -> None:
         try:
-            selector.register(self._wake_reader, selectors.EVENT_READ)
-            for master in self._masters:
-                selector.register(master, selectors.EVENT_READ)
+            self._serve()
+        except BaseException as failure:  # handed to the thread that calls stop
+            self.failure = failure
+
+    def _serve(self) -> None:
+        with selectors.DefaultSelector() as selector:
+            for far in self._names:
+                selector.register(far, selectors.EVENT_READ)
             while not self._stopping.is_set():
                 for key, _ in selector.select(self._patience_s()):
-                    instrument = self._masters.get(key.fd)
-                    if instrument is not None:
-                        self._take(key.fd, instrument)
+                    self._take(key.fd)
                 self._give()
-        finally:
-            selector.close()
 
     def _patience_s(self) -> float:
         due = [due_s for one in self._instruments.values() if (due_s := one.next_transmit_s()) is not None]
@@ -96,46 +93,20 @@ class PseudoTerminals:
             return LONGEST_WAIT_S
         return min(max((min(due) - self.now_s()) / self._speed, 0.0), LONGEST_WAIT_S)
 
-    def _take(self, master: int, instrument: Instrument) -> None:
+    def _take(self, far: int) -> None:
         try:
-            data = os.read(master, CHUNK)
+            data = os.read(far, CHUNK)
         except OSError:  # nobody at the other end just now
             return
         if data:
-            self.heard_s[self._names[master]] = time.monotonic()
-            instrument.receive(data, self.now_s())
+            self.heard_s[self._names[far]] = time.monotonic()
+            self._instruments[self._names[far]].receive(data, self.now_s())
 
     def _give(self) -> None:
         now_s = self.now_s()
-        for master, instrument in self._masters.items():
-            data = instrument.transmit(now_s)
-            if data:
+        for far, name in self._names.items():
+            if data := self._instruments[name].transmit(now_s):
                 try:
-                    os.write(master, data)
+                    os.write(far, data)
                 except OSError:  # buffer full: lost
                     continue
-
-    def _serve_safely(self) -> None:
-        try:
-            self.serve()
-        except BaseException as failure:  # handed to the thread that calls stop
-            self.failure = failure
-
-    def _close(self) -> None:
-        for descriptor in (*self._masters, *self._slaves, self._wake_reader, self._wake_writer):
-            if descriptor >= 0:
-                os.close(descriptor)
-        self._masters, self._slaves = {}, []
-        self._wake_reader = self._wake_writer = -1
-
-    def __enter__(self) -> PseudoTerminals:
-        self.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.stop()
