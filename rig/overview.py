@@ -40,6 +40,7 @@ from rig.config.schema import HostName, Table, validate
 from rig.config.toml_file import parsed_toml, read_text
 from rig.core.faults import fault
 from rig.daemon.announcer import sent_event
+from rig.daemon.client import Refusal
 from rig.daemon.web_process import listening, why_not
 from rig.version import __version__
 from rig.web.page_server import (
@@ -48,7 +49,6 @@ from rig.web.page_server import (
     PAGE_CONNECTIONS,
     STATIC,
     PageFiles,
-    Refusal,
     Viewer,
     begin_session,
     events_reply,

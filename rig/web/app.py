@@ -32,15 +32,15 @@ from starlette.routing import Mount, Route
 
 from rig.core.clock import DAY_S
 from rig.daemon.announcer import encoded
+from rig.daemon.client import NoDaemon, Refusal
 from rig.history import reading
 from rig.history.reading import loop_points, temperatures
 from rig.history.store import trouble_of
 from rig.records.film_output import output_to_ohm
-from rig.web.bench_link import JOBS, STOP, BenchGone, BenchLink, forward
+from rig.web.bench_link import JOBS, STOP, BenchLink, forward
 from rig.web.page_server import (
     STATIC,
     PageFiles,
-    Refusal,
     begin_session,
     events_reply,
     json_reply,
@@ -290,8 +290,8 @@ class Requests:
         """Ask the bench process. Raises Refusal, with its status and faults if it refuses."""
         try:
             return await self._link.get(path)
-        except BenchGone as error:
-            raise Refusal(503, str(error)) from None
+        except NoDaemon as error:
+            raise Refusal(503, [str(error)]) from None
 
     async def state(self, request: Request) -> Response:
         self._link.state = await self._get("/api/state")
@@ -344,14 +344,14 @@ class Requests:
         number = request.path_params["number"]
         folder = next((job["folder"] for job in await self._get("/api/jobs") if job["id"] == number), None)
         if folder is None:
-            raise Refusal(404, "run: not known")
+            raise Refusal(404, ["run: not known"])
         try:
             root = Path(folder).resolve()
             path = (root / request.path_params["name"]).resolve()
             if not (path.is_relative_to(root) and path.is_file()):
-                raise Refusal(404, NO_FILE)
+                raise Refusal(404, [NO_FILE])
         except (OSError, ValueError):
-            raise Refusal(404, NO_FILE) from None
+            raise Refusal(404, [NO_FILE]) from None
         return FileResponse(path)
 
     async def metrics(self, request: Request) -> Response:
@@ -364,7 +364,7 @@ class Requests:
         try:
             state = await self._link.get("/api/state")
             offline, age_s, warnings = state["state"] == "offline", state["cycle_age_s"], state["warnings"]
-        except (BenchGone, Refusal, KeyError) as error:
+        except (NoDaemon, Refusal, KeyError) as error:
             return json_reply({"ok": False, "wrong": [str(error)]}, 503)
         wrong = []
         if offline:

@@ -16,8 +16,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from rig.daemon.announcer import encoded, sent_event
-from rig.daemon.client import FAILED
-from rig.web.page_server import LONGEST_NAME, Refusal, Viewer, body_of, object_in
+from rig.daemon.client import FAILED, NoDaemon, Refusal
+from rig.web.page_server import LONGEST_NAME, Viewer, body_of, object_in
 
 ANSWER_S = 15.0  # a STOP that waits for a dead man's silence takes longest
 ROWS_A_SECOND = 10
@@ -27,10 +27,6 @@ MOST_REQUESTS = 16  # at a time; a STOP does not wait for its turn
 STOP, JOBS = "/api/stop", "/api/jobs"
 OF_A_JOB = ("configuration", "text", "name", "kind", "hold_degC", "hold_s")  # no files of the bench's computer
 INSISTS_S, AGAIN_S = 5.0, 0.02  # a STOP is sent anew while the bench process has no room for a connection
-
-
-class BenchGone(Exception):
-    """The bench process does not answer."""
 
 
 class BenchLink:
@@ -48,7 +44,7 @@ class BenchLink:
         self._turns = asyncio.Semaphore(MOST_REQUESTS)
 
     async def request(self, method: str, path: str, body: bytes = b"", caller: str | None = None) -> tuple[int, bytes]:
-        """Return status and body of the bench process's answer. Raises BenchGone.
+        """Return status and body of the bench process's answer. Raises NoDaemon.
 
         caller: who asks the page; None if the page itself does. A STOP without an answer is sent anew for some seconds,
         with the same body: its `press` makes it one STOP.
@@ -65,18 +61,18 @@ class BenchLink:
             except (OSError, ValueError, EOFError, IndexError) as error:  # TimeoutError is an OSError
                 if time.monotonic() >= until_s or self.gone.is_set():
                     why = str(error) or type(error).__name__
-                    raise BenchGone(f"the bench process does not answer: {why}") from None
+                    raise NoDaemon(f"the bench process does not answer: {why}") from None
             await asyncio.sleep(AGAIN_S)
 
     async def get(self, path: str) -> Any:
-        """Return the answer to a question. Raises BenchGone, or Refusal with the bench process's status and faults."""
+        """Return the answer to a question. Raises NoDaemon, or Refusal with the bench process's status and faults."""
         status, content = await self.request("GET", path)
         try:
             answer = json.loads(content)
         except ValueError as error:
-            raise BenchGone(f"the bench process's answer is no JSON: {error}") from None
+            raise NoDaemon(f"the bench process's answer is no JSON: {error}") from None
         if status >= FAILED:
-            raise Refusal(status, *answer["faults"])
+            raise Refusal(status, answer["faults"])
         return answer
 
     async def _send(
@@ -140,7 +136,7 @@ class BenchLink:
         while not self.gone.is_set():
             await asyncio.sleep(1.0)
             if time.monotonic() - self._state_sent_s >= STATE_EVERY_S - 1.0:
-                with contextlib.suppress(BenchGone, Refusal):  # viewers get the last one again
+                with contextlib.suppress(NoDaemon, Refusal):  # viewers get the last one again
                     self.state = await self.get("/api/state")
                 self._state_sent_s = time.monotonic()
                 self._send_to_viewers("state", self.current())
@@ -171,8 +167,8 @@ async def forward(link: BenchLink, request: Request) -> Response:
     try:
         method = "GET" if request.method == "HEAD" else request.method  # uvicorn leaves the body out
         status, answer = await link.request(method, path, body, f"the page ({caller})")
-    except BenchGone as error:
-        raise Refusal(503, str(error)) from None
+    except NoDaemon as error:
+        raise Refusal(503, [str(error)]) from None
     return Response(answer, status, media_type="application/json")
 
 

@@ -31,6 +31,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from rig.core.json_text import parsed_json
 from rig.daemon.announcer import encoded, sent_event
+from rig.daemon.client import Refusal
 from rig.web.protection import COOKIE, Sessions, host_name
 
 PAGE = Path(__file__).resolve().parents[1] / "page"
@@ -42,14 +43,6 @@ CONTENT_SECURITY_POLICY = (
 LONGEST_NAME = 80  # characters of a press or an address in the log
 WAITING = 60  # events for one viewer
 MOST_VIEWERS = 300  # of the connections, so that there is room for requests
-
-
-class Refusal(Exception):
-    """A request that is refused: an HTTP status, and a line for each fault."""
-
-    def __init__(self, status: int, *lines: str, **headers: str) -> None:
-        self.status, self.lines, self.headers = status, lines, headers
-        super().__init__("; ".join(lines))
 
 
 def json_reply(value: Any, status: int = 200) -> Response:
@@ -68,7 +61,7 @@ async def refused(request: Request, error: Exception) -> Response:
         line = f"{request.method} {request.url.path[:LONGEST_NAME]}: {error.detail}"
         return refusal_reply(error.status_code, line, **dict(error.headers or {}))
     assert isinstance(error, Refusal)
-    return refusal_reply(error.status, *error.lines, **error.headers)
+    return refusal_reply(error.status, *error.lines)
 
 
 async def body_of(request: Request) -> bytes:
@@ -76,7 +69,7 @@ async def body_of(request: Request) -> bytes:
     try:
         return await request.body()
     except ClientDisconnect:
-        raise Refusal(400, "body: it ended early") from None
+        raise Refusal(400, ["body: it ended early"]) from None
 
 
 async def object_in(request: Request) -> dict[str, Any]:
@@ -84,9 +77,9 @@ async def object_in(request: Request) -> dict[str, Any]:
     try:
         body = parsed_json(await body_of(request))
     except ValueError as error:
-        raise Refusal(400, f"body: {error}") from None
+        raise Refusal(400, [f"body: {error}"]) from None
     if not isinstance(body, dict):
-        raise Refusal(422, "body: expected an object")
+        raise Refusal(422, ["body: expected an object"])
     return body
 
 

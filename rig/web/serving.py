@@ -24,14 +24,12 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from rig.daemon.client import Client, NoDaemon
-from rig.daemon.client import Refusal as RefusedByBench
+from rig.daemon.client import Client, NoDaemon, Refusal
 from rig.web.bench_link import STOP, BenchLink, forward
 from rig.web.page_server import (
     CLOSES_S,
     PAGE_CONNECTIONS,
     STOP_CONNECTIONS,
-    Refusal,
     refused,
     running,
     serve_and_close,
@@ -58,7 +56,7 @@ async def serve(
     try:
         with Client(place) as client:
             settings = client.ask("GET", "/daemon")
-    except (NoDaemon, RefusedByBench) as error:
+    except (NoDaemon, Refusal) as error:
         print(f"peltier serve: page: {error}", file=sys.stderr)
         return 1
     link = BenchLink(place)

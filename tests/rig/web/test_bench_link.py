@@ -12,9 +12,9 @@ from typing import Any, cast
 import pytest
 from starlette.requests import Request
 
+from rig.daemon.client import Refusal
 from rig.daemon.http_server import UnixServer
 from rig.web.bench_link import STOP, BenchLink, forward
-from rig.web.page_server import Refusal
 
 Asked = tuple[str, str, dict[str, Any], str | None]
 
