@@ -8,15 +8,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from rig.command.record_arguments import writable_file
 from rig.control.decision import Onlooker, Phases, Tick
 from rig.core.file_writing import write_text
 from rig.core.streams import PatientLine, TerminalLine
-from rig.daemon.status_text import clock, number, resistance
-from rig.drivers.controller import OF_FULL_DRIVE
+from rig.daemon.status_text import clock, number, phase_line, resistance, shown_drive
 
 if TYPE_CHECKING:
     from rig.core.reading import Reading
@@ -105,12 +103,9 @@ class Progress(Onlooker):
         return max(of_s - done_s, 0.0) + sum(seconds for _, seconds in self._coming)
 
     def in_words(self, tick: Tick) -> str:
-        total = f"{clock(self.elapsed_s)} of {self._about} {clock(self.elapsed_s + self.to_go_s)}"
-        parts = [f"{tick.phase:<9} {total}, {clock(self.to_go_s)} to go", number(_value(tick.temperature), "degC", 2)]
-        if self._quantity:
-            parts.append(self._film(_value(tick.resistance)))
-        digits = 3 if self._drive_unit == OF_FULL_DRIVE else 2
-        return "   ".join([*parts, number(tick.current_A, self._drive_unit, digits)])
+        film = [self._film(_value(tick.resistance))] if self._quantity else []
+        readings = number(_value(tick.temperature), "degC", 2), *film, shown_drive(tick.current_A, self._drive_unit)
+        return phase_line(tick.phase, self.elapsed_s, self.to_go_s, readings, self._about)
 
     def _film(self, value: float) -> str:
         if self._quantity == "resistance_ohm":
@@ -131,9 +126,7 @@ class CaseProgress:
         self._first: int | None = None  # done before the first one ended: those took no time of this command
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._line.clear()
 
     def show(self, done: int, of: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable
 from typing import Any
 
 FRESH_S = 5.0  # an older reading is marked as old; so do the page and the overview
@@ -45,11 +46,20 @@ def clock(seconds: float) -> str:
 def progress_line(row: dict[str, Any], job: dict[str, Any], state_s: float) -> str:
     """Return a job's progress and readings at a row; state_s: time of the job's state, Unix s."""
     since_s = max(row["time_s"] - state_s, 0.0)
-    elapsed_s, to_go_s = job["elapsed_s"] + since_s, max(job["to_go_s"] - since_s, 0.0)
-    done = f"{clock(elapsed_s)} of about {clock(elapsed_s + to_go_s)}, {clock(to_go_s)} to go"
-    parts = [f"{job['phase']:<9} {done}", number(row.get("temperature_degC"), "degC", 2)]
-    drive = number(row.get("current_A"), job.get("drive_unit", "A"), 2)
-    return "   ".join([*parts, resistance(row.get("resistance_ohm")), drive])
+    degC, drive = number(row.get("temperature_degC"), "degC", 2), shown_drive(row.get("current_A"), job["drive_unit"])
+    readings = degC, resistance(row.get("resistance_ohm")), drive
+    return phase_line(job["phase"], job["elapsed_s"] + since_s, max(job["to_go_s"] - since_s, 0.0), readings)
+
+
+def phase_line(phase: str, elapsed_s: float, to_go_s: float, readings: Iterable[str], about: str = "about") -> str:
+    """Return a line with an experiment's phase, how long it has lasted and will last, and its readings."""
+    total = f"{clock(elapsed_s)} of {about} {clock(elapsed_s + to_go_s)}, {clock(to_go_s)} to go"
+    return "   ".join([f"{phase:<9} {total}", *readings])
+
+
+def shown_drive(value: float | None, unit: str) -> str:
+    """Return a current, or a share of full drive."""
+    return number(value, unit, 2 if unit == "A" else 3)
 
 
 def status_rows(state: dict[str, Any]) -> list[tuple[str, str]]:

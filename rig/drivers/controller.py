@@ -362,14 +362,10 @@ def wait_until_on(clock: Clock, status: Callable[[], Status]) -> None:
 
 def wait_for_status(clock: Clock, status: Callable[[], Status], is_it: Callable[[Status], bool]) -> Status:
     """Return the first status that is the one awaited, or the last one that came within `STARTED_S`."""
-    found: list[Status] = []
-
-    def came() -> bool:
-        found[:] = [status()]
-        return is_it(found[0])
-
-    wait_until(clock, came, STARTED_S)
-    return found[0]
+    until_s = clock.now_s() + STARTED_S
+    while not is_it(found := status()) and clock.now_s() < until_s:
+        clock.sleep_until_s(clock.now_s() + LOOK_S)
+    return found
 
 
 def wait_until(clock: Clock, true: Callable[[], bool], longest_s: float) -> bool:

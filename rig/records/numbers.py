@@ -23,10 +23,6 @@ from compensator.hysteresis.functions import Array
 Conversion = Callable[[Array], Array]
 
 
-def _multiply(factor: float, x: Array) -> Array:
-    return x * factor
-
-
 def _divide(factor: float, offset: float, at_zero: float, x: Array) -> Array:
     """Return factor / x + offset, and at_zero where x is 0 (no conductance: a resistance beyond the range)."""
     with np.errstate(divide="ignore"):
@@ -40,7 +36,7 @@ def _raise_to(base: float, x: Array) -> Array:
 
 
 def _factors(**by_unit: float) -> dict[str, Conversion]:
-    return {unit: partial(_multiply, factor) for unit, factor in by_unit.items()}
+    return {unit: lambda x, factor=factor: x * factor for unit, factor in by_unit.items()}  # type: ignore[misc]
 
 
 # the ending of our column's name -> unit -> conversion to ours

@@ -258,7 +258,7 @@ def test_a_job_that_was_handed_over_is_told_in_a_line() -> None:
         progress_line(row, job, 100.0) == "track     5:13 of about 6:10, 0:57 to go   61.23 degC   12.34 kohm   0.50 A"
     )
     heater = progress_line(row, {**job, "drive_unit": "of full drive"}, 100.0)
-    assert heater.endswith("0.50 of full drive")
+    assert heater.endswith("0.500 of full drive")
 
 
 def test_what_is_shown_of_an_instrument_that_says_nothing_is_told_as_old(bench: RunningBench) -> None:
