@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from rig.core.faults import Faults, fault
+from rig.core.json_text import SHOWN, unusable_values
 
 MOST_BYTES = 50_000_000  # a model of 100,000 operators takes 20 MB
 DEEPEST = 20  # tables and lists inside each other; a configuration needs five
-SHOWN = 80  # characters of a value in a message
 SECRET_KEYS = ("token", "metrics_token", "webhook")  # of [serve]; who has a webhook's address can use it
 PATH_KEYS = (("experiment", "target"), ("experiment", "learned"), ("simulation", "film", "model"))
 OTHER_TABLES = ("serve", "sweep", "epics")  # not of the experiment; [serve] may hold secrets
@@ -54,29 +54,10 @@ def parsed_toml(text: str, where: Path) -> dict[str, Any]:
         raise fault(where, "", "is not valid TOML: an integer of too many digits; expected at most 64 bits") from None
     except RecursionError:
         raise fault(where, "", f"is not valid TOML: nested too deeply; expected at most {DEEPEST} levels") from None
-    lines = [f"{where}: {line}" for line in _unusable_values(content)]
+    lines = [f"{where}: {place or 'the file'}: {what}" for place, what in unusable_values(content, DEEPEST)]
     if lines:
         raise Faults(lines[:20])
     return content
-
-
-def _unusable_values(content: dict[str, Any]) -> Iterator[str]:
-    left: list[tuple[str, Any, int]] = [("", content, 0)]
-    while left:
-        place, value, depth = left.pop()
-        if depth > DEEPEST:
-            yield f"{place[:SHOWN]}: nested too deeply; expected at most {DEEPEST} levels"
-        elif isinstance(value, dict):
-            for key, inner in value.items():
-                if "\0" in key:
-                    yield f"{place or 'the file'}: {shown(key)}: expected a key without the character NUL"
-                left.append((f"{place}.{key}" if place else key, inner, depth + 1))
-        elif isinstance(value, list):
-            left += [(f"{place}[{k}]", inner, depth + 1) for k, inner in enumerate(value)]
-        elif isinstance(value, str) and "\0" in value:
-            yield f"{place}: expected text without the character NUL"
-        elif isinstance(value, int) and not -(2**63) <= value < 2**63:
-            yield f"{place}: an integer beyond 64 bits"
 
 
 def shown(value: object) -> str:

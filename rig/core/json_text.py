@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from typing import Any
 
 DEEPEST = 50  # lists and objects inside each other
 LARGEST = 2**63
+SHOWN = 80  # characters of a name in a message
 
 
 class _NotFinite(ValueError):
@@ -33,7 +35,8 @@ def parsed_json(content: bytes | str) -> Any:
         raise
     except ValueError:
         raise ValueError("expected numbers of fewer digits") from None
-    _check(value)
+    for place, what in unusable_values(value, DEEPEST):
+        raise ValueError(f"{place}: {what}" if place else what)
     return value
 
 
@@ -41,22 +44,26 @@ def _refuse(word: str) -> Any:
     raise _NotFinite(f"{word}: expected a finite number")
 
 
-def _check(value: Any) -> None:
-    left = [(value, 0)]
+def unusable_values(content: Any, deepest: int) -> Iterator[tuple[str, str]]:
+    """Yield the place of each value that cannot be shown, stored or computed with, and what is expected there."""
+    left: list[tuple[str, Any, int]] = [("", content, 0)]
     while left:
-        inner, depth = left.pop()
-        if depth > DEEPEST:
-            raise ValueError(f"nested too deeply; expected at most {DEEPEST} levels")
-        if isinstance(inner, dict):
-            left += [(entry, depth + 1) for pair in inner.items() for entry in pair]
-        elif isinstance(inner, list):
-            left += [(entry, depth + 1) for entry in inner]
-        elif isinstance(inner, str) and not usable(inner):
-            raise ValueError("text: expected valid Unicode without the character NUL")
-        elif isinstance(inner, int) and not -LARGEST <= inner < LARGEST:
-            raise ValueError("a number: expected an integer of at most 64 bits")
-        elif isinstance(inner, float) and not math.isfinite(inner):
-            raise ValueError("a number: expected one that is finite")
+        place, value, depth = left.pop()
+        if depth > deepest:
+            yield place[:SHOWN], f"nested too deeply; expected at most {deepest} levels"
+        elif isinstance(value, dict):
+            for key, inner in value.items():
+                if not usable(key):
+                    yield place, f"{key[:SHOWN]!r}: expected a key of valid Unicode without the character NUL"
+                left.append((f"{place}.{key}" if place else key, inner, depth + 1))
+        elif isinstance(value, list):
+            left += [(f"{place}[{k}]", inner, depth + 1) for k, inner in enumerate(value)]
+        elif isinstance(value, str) and not usable(value):
+            yield place, "expected text of valid Unicode without the character NUL"
+        elif isinstance(value, int) and not -LARGEST <= value < LARGEST:
+            yield place, "expected an integer of at most 64 bits"
+        elif isinstance(value, float) and not math.isfinite(value):
+            yield place, "expected a finite number"
 
 
 def usable(text: str) -> bool:

@@ -14,9 +14,10 @@ from rig.config.model_file import write_model as write_model_file
 from rig.core.faults import fault, in_python
 from rig.records.branches import RowOrder, join_branches
 from rig.records.column_names import ColumnMapping
-from rig.records.conversion import record_from_arrays, record_from_frame
+from rig.records.conversion import record_from_arrays
 from rig.records.record import Record
 from rig.records.record_file import read_record as read_record_file
+from rig.records.table import frame_columns
 
 NEEDED = ("temperature_degC",)
 
@@ -69,7 +70,7 @@ def read_record(
     elif isinstance(source, Mapping):
         record = record_from_arrays(source, typed, needs, order=order)
     elif hasattr(source, "columns") and hasattr(source, "index"):
-        record = record_from_frame(source, typed, needs, order=order)
+        record = record_from_arrays(frame_columns(source), typed, needs, "data frame", order)
     else:
         text = f"expected a file's path, a mapping of arrays by name or a data frame, not {type(source).__name__}"
         raise fault("read_record", "source", text)

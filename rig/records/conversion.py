@@ -25,7 +25,7 @@ from rig.records.column_choice import Choice, ColumnChoice
 from rig.records.column_names import ColumnMapping, column_option, unit_ending
 from rig.records.numbers import CONDUCTANCES, DECIMALS, DRIVE_SHARES, LOGARITHMS, UNITS, BadField, find_overload
 from rig.records.record import Record, without_false_readings
-from rig.records.table import Column, Table, frame_columns, pivot_readings, table_from_arrays
+from rig.records.table import Column, Table, pivot_readings, table_from_arrays
 from rig.records.times import SECOND_FRACTIONS, SUMMER_TIME, clock_changes, is_clock_time, is_date, is_time, read_times
 
 FILM_K = (200.0, 500.0)  # a film's record within these is in K: no Peltier plate reaches them in degC
@@ -209,19 +209,6 @@ def record_from_arrays(
     """
     mappings = [ColumnMapping.parse(text) for text in column]
     return record_from_table(table_from_arrays(columns, source), mappings, needs, order=order)
-
-
-@in_python()
-def record_from_frame(
-    frame: Any,
-    column: Iterable[str] = (),
-    needs: Iterable[str] = (),
-    source: str = "data frame",
-    order: RowOrder | None = None,
-) -> Record:
-    """Return a record of a pandas DataFrame; an index of dates, or one with a name of its own, is a column too.
-    Parameters and faults: `record_from_arrays`."""
-    return record_from_arrays(frame_columns(frame), column, needs, source, order)
 
 
 def record_from_table(

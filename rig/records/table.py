@@ -130,7 +130,7 @@ def _fields(values: Any, name: str, source: str) -> Any:
 
 
 def frame_columns(frame: Any) -> dict[str, Any]:
-    """Return a data frame's columns by name, and its index if it holds dates or has a name of its own."""
+    """Return the columns of a pandas DataFrame by name, and its index if it holds dates or has a name of its own."""
     columns: dict[str, Any] = {}
     index = getattr(frame, "index", None)
     name = getattr(index, "name", None)

@@ -14,8 +14,9 @@ import scipy.io
 
 from rig.core.faults import Faults
 from rig.records.column_names import ColumnMapping
-from rig.records.conversion import record_from_arrays, record_from_frame
+from rig.records.conversion import record_from_arrays
 from rig.records.record_file import read_record, write_columns
+from rig.records.table import frame_columns
 from tests.rig.records import ways
 from tests.rig.records.reading import NEEDS, read, refusal
 
@@ -432,7 +433,7 @@ def test_records_from_arrays_and_frames() -> None:
         frame = pandas.DataFrame(
             {"T_C": [25.0, 26.0, 27.0], "R_kohm": [3, 2, 1], "note": ["a", None, "b"]}, index=index
         )
-        record = record_from_frame(frame)
+        record = record_from_arrays(frame_columns(frame))
         np.testing.assert_array_equal(record["time_s"], [0.0, 0.5, 1.0])
         np.testing.assert_array_equal(record["resistance_ohm"], [3000.0, 2000.0, 1000.0])
         assert record.text_columns["note"] == ["a", "", "b"]
