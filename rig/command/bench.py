@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,19 +45,15 @@ def status(options: argparse.Namespace) -> int:
     confirmed.
     """
     status = 0
-    try:
-        for client in daemons_called(options.bench) if options.json is None else [one_daemon(options.bench)]:
-            with client:
-                state = client.ask("GET", "/api/state")
-            write_json(options.json, state)
-            print(f"{state['name']}, peltier-rig {state['version']}", file=text_stream(options.json))
-            for what, how in status_rows(state):
-                print(f"  {what:<14} {how}", file=text_stream(options.json))
-            if state["output"] == "unknown":
-                status = NotConfirmedOff.exit_status
-    except NoDaemon as error:
-        print(f"peltier status: {error}", file=sys.stderr)
-        return 1
+    for client in daemons_called(options.bench) if options.json is None else [one_daemon(options.bench)]:
+        with client:
+            state = client.ask("GET", "/api/state")
+        write_json(options.json, state)
+        print(f"{state['name']}, peltier-rig {state['version']}", file=text_stream(options.json))
+        for what, how in status_rows(state):
+            print(f"  {what:<14} {how}", file=text_stream(options.json))
+        if state["output"] == "unknown":
+            status = NotConfirmedOff.exit_status
     return status
 
 
@@ -73,15 +70,10 @@ def watch(options: argparse.Namespace) -> int:
     if options.seconds is not None and not options.seconds > 0.0:
         raise fault("--seconds", f"{options.seconds:g}", "expected a number of seconds > 0")
     end_s = time.monotonic() + options.seconds if options.seconds is not None else None
-    try:
-        with one_daemon(options.bench) as client:
-            show = _table if sys.stdout.isatty() else _lines
-            show(client, end_s)
-    except NoDaemon as error:
-        print(f"peltier watch: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:  # how one leaves it: the bench is as it was
-        return 0
+    # Ctrl-C is how one leaves it: the bench is as it was
+    with suppress(KeyboardInterrupt), one_daemon(options.bench) as client:
+        show = _table if sys.stdout.isatty() else _lines
+        show(client, end_s)
     return 0
 
 
@@ -288,8 +280,6 @@ def _holds(client: Client, port: str) -> bool:
 
 def _switched_off(held: Held, target: str | None) -> int:
     """Open the port and command the output off. Raises Faults, PortHeld."""
-    import time
-
     from rig.daemon.systemd import Notifier
     from rig.guard.takeover import keep_trying
     from rig.ports.transport import nobody_answers
@@ -329,8 +319,6 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
 
     Raises Faults, PortHeld.
     """
-    import time
-
     from rig.core.clock import RealClock
     from rig.core.errors import PortHeld
     from rig.drivers.registry import controller_class, open_controller
@@ -379,9 +367,6 @@ def reset(options: argparse.Namespace) -> int:
     try:
         with one_daemon(options.bench) as client:
             waiting = client.ask("POST", "/api/reset", reason=options.reason)["queue"]
-    except NoDaemon as error:
-        print(f"peltier reset: {error}", file=sys.stderr)
-        return 1
     except Refusal as refusal:
         if refusal.status not in (409, 503):  # nothing is latched; or it stays latched, as it cannot be written
             raise

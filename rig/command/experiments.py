@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from compensator.control.pid import Design
     from rig.config.configuration import ConfigurationFile
     from rig.experiment.improvement import Improvable
+    from rig.experiment.simulation import Simulated
     from rig.experiment.tuning import OwnTuning, WholeLaw
     from rig.records.run_folder import RunRows
     from rig.report.improvement import Improvement
@@ -139,20 +140,15 @@ def simulate(options: argparse.Namespace) -> int:
     runs without instruments, so that its rows are exact. Effects of --effect are added to those of the configuration; a
     parameter that is left out takes the geometric mean of its typical sizes.
     """
-    from rig.experiment.simulation import read_simulation, simulate
-    from rig.records.record_file import write_columns
+    from rig.experiment.simulation import read_simulation
 
     writable_file(options.out)
     terminal = Terminal(options.json)
     file = read_simulation(options.config, options.effect, options.effect_file, options.seed)
-
-    with terminal.progress(virtual=True) as progress:
-        simulated = simulate(file, to_stderr, progress)
-    write_columns(options.out, simulated.columns)
+    simulated = _simulated(file, options.out, terminal)
     for effect in simulated.effects:
         parameters = ", ".join(f"{name} = {value:g}" for name, value in effect.values().items())
         terminal.print(f"{effect.name}: {parameters}")
-    terminal.print(f"record: {options.out}, {simulated.rows} rows")
     terminal.write_json(
         {
             "format": "peltier-simulation/1",
@@ -165,6 +161,19 @@ def simulate(options: argparse.Namespace) -> int:
     if simulated.ended is not None:
         raise simulated.ended
     return 0
+
+
+def _simulated(file: ConfigurationFile, out: Path | None, terminal: Terminal) -> Simulated:
+    """Run a configuration's experiment on the simulated rig, and write its record."""
+    from rig.experiment.simulation import simulate
+    from rig.records.record_file import write_columns
+
+    with terminal.progress(virtual=True) as progress:
+        simulated = simulate(file, to_stderr, progress)
+    if out is not None:
+        write_columns(out, simulated.columns)
+        terminal.print(f"record: {out}, {simulated.rows} rows")
+    return simulated
 
 
 SECOND = "run"
@@ -365,17 +374,10 @@ def replay(options: argparse.Namespace) -> int:
 def _twin(options: argparse.Namespace, terminal: Terminal) -> int:
     from rig.analysis.error import target_error
     from rig.experiment.replay import twin_configuration
-    from rig.experiment.simulation import simulate
-    from rig.records.record_file import write_columns
 
     if options.out is not None:
         writable_file(options.out)
-    file = twin_configuration(options.run, options.config)
-    with terminal.progress(virtual=True) as progress:
-        simulated = simulate(file, to_stderr, progress)
-    if options.out is not None:
-        write_columns(options.out, simulated.columns)
-        terminal.print(f"record: {options.out}, {simulated.rows} rows")
+    simulated = _simulated(twin_configuration(options.run, options.config), options.out, terminal)
     found = target_error(simulated)
     error = found.document() if found is not None else {}
     for name, value in error.items():

@@ -22,6 +22,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.core.errors import RigError
 from rig.core.faults import Faults
 from rig.core.file_writing import write_text
 from rig.core.requirements import has_unix_sockets
@@ -38,7 +39,7 @@ NONE_RUNS = "no daemon runs here (`peltier serve CONFIG` starts one)"
 SYSTEM = Path("/run/peltier")
 
 
-class NoDaemon(Exception):
+class NoDaemon(RigError):
     """No daemon answers there."""
 
 
