@@ -307,14 +307,11 @@ def packed(value: float, form: Struct, what: str) -> bytes:
     raise ValueError(f"{what}: {value!r}: expected a number that the instrument's {8 * form.size} bits can hold")
 
 
-def check_gains(**gains: tuple[float | None, float, float]) -> None:
-    """Raise ValueError for a gain that the instrument does not take.
-
-    Of each: its value (None: not given), the least and the largest.
-    """
-    for name, (gain, low, high) in gains.items():
-        if gain is not None and not low <= gain <= high:
-            raise ValueError(f"{name} {gain!r}: {low:g} to {high:g} is expected")
+def check_within(**options: tuple[float | None, float, float]) -> None:
+    """Raise ValueError for an option outside its range. Of each: value (None: not given), the least, the largest."""
+    for name, (value, low, high) in options.items():
+        if value is not None and not low <= value <= high:
+            raise ValueError(f"{name} {value!r}: {low:g} to {high:g} is expected")
 
 
 # ---- a status that follows its command --------------------------------------------------------------

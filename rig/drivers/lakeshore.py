@@ -38,7 +38,7 @@ from rig.drivers.controller import (
     OwnLimits,
     Status,
     TemperatureController,
-    check_gains,
+    check_within,
     confirmed_off,
     wait_until_on,
 )
@@ -168,7 +168,7 @@ class LakeShoreController(TemperatureController):
         )
         self._input, self._output, self._range = input, output, RANGES[range]
         self._max_current_A, self._own_gains = max_current_A, [gain for gain in (p, i, d) if gain is not None]
-        check_gains(p=(p, 0.1, 1000.0), i=(i, 0.0, 1000.0), d=(d, 0.0, 200.0))  # of PID, by the manual
+        check_within(p=(p, 0.1, 1000.0), i=(i, 0.0, 1000.0), d=(d, 0.0, 200.0))  # of PID, by the manual
         if len(self._own_gains) in (1, 2):
             raise ValueError("p, i, d: expected all three, or none")
         self._kelvin: bool | None = None

@@ -33,7 +33,7 @@ from rig.drivers.controller import (
     OwnLimits,
     Status,
     TemperatureController,
-    check_gains,
+    check_within,
     confirmed_off,
     packed,
     wait_until,
@@ -87,10 +87,7 @@ class MecomLink:
         first_token: int | None = None,
         trial_s: float = TRIAL_S,
     ) -> None:
-        if not 0 <= address <= 254:
-            raise ValueError(f"a MeCom address is 0..254, not {address}")
-        if not 1 <= instance <= 255:
-            raise ValueError(f"an instance of a MeCom device is 1..255, not {instance}")
+        check_within(address=(address, 0, 254), instance=(instance, 1, 255))
         self.transport = transport
         self._address = b"%02X" % address
         self.instance = b"%02X" % instance
@@ -311,7 +308,7 @@ class MeerstetterController(TemperatureController):
             baudrate=line.baudrate,
             first_token=first_token,
         )
-        check_gains(kp_percent_per_K=(kp_percent_per_K, 0.0, 1e3), ti_s=(ti_s, 0.0, 1e4), td_s=(td_s, 0.0, 1e3))
+        check_within(kp_percent_per_K=(kp_percent_per_K, 0.0, 1e3), ti_s=(ti_s, 0.0, 1e4), td_s=(td_s, 0.0, 1e3))
         self._own_gains = {3010: kp_percent_per_K, 3011: ti_s, 3012: td_s}
         self._heating_sign = 1.0
 

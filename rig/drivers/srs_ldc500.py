@@ -35,7 +35,7 @@ from rig.drivers.controller import (
     OwnLimits,
     Status,
     TemperatureController,
-    check_gains,
+    check_within,
     confirmed_off,
     wait_until_on,
 )
@@ -158,7 +158,7 @@ class SrsLdc500Controller(TemperatureController):
             transport, byte_s=line.byte_s, first_token=first_token, after_resynchronisation=self._check_after_doubt
         )
         self._heating_sign = heating_sign
-        check_gains(p_A_per_K=(p_A_per_K, -1e3, 1e3), i_per_s=(i_per_s, 0.0, 1e3), d_s=(d_s, 0.0, 1e3))
+        check_within(p_A_per_K=(p_A_per_K, -1e3, 1e3), i_per_s=(i_per_s, 0.0, 1e3), d_s=(d_s, 0.0, 1e3))
         self._own_gains = {"TPGN": p_A_per_K, "TIGN": i_per_s, "TDGN": d_s}
 
     @staticmethod

@@ -30,7 +30,7 @@ from typing import Any, ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.core.reading import Identity, Quality, Reading
-from rig.drivers.controller import OF_FULL_DRIVE, OFF_S, Status, TemperatureController, confirmed_off
+from rig.drivers.controller import OF_FULL_DRIVE, OFF_S, Status, TemperatureController, check_within, confirmed_off
 from rig.drivers.in_step import RESYNCHRONISATIONS, SteppedLink, retry_once
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
@@ -159,8 +159,7 @@ class TcLabController(TemperatureController):
     ) -> None:
         if heater not in (1, 2):
             raise ValueError(f"heater {heater}: 1 or 2 is expected")
-        if not 0.0 <= boot_s <= LONGEST_BOOT_S:
-            raise ValueError(f"boot_s {boot_s}: 0 to {LONGEST_BOOT_S:g} is expected")
+        check_within(boot_s=(boot_s, 0.0, LONGEST_BOOT_S))
         self.transport = transport
         self.link = TcLabLink(
             transport,

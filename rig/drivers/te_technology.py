@@ -48,7 +48,7 @@ from rig.drivers.controller import (
     OwnLimits,
     Status,
     TemperatureController,
-    check_gains,
+    check_within,
     confirmed_off,
     packed,
     wait_for_status,
@@ -343,15 +343,14 @@ class TeTechnologyController(TemperatureController):
         derivative_min: float | None = None,
         first_token: int | None = None,
     ) -> None:
-        if not 0 <= address <= 255:
-            raise ValueError(f"address {address}: 0 to 255 is expected")
+        check_within(
+            address=(address, 0, 255),
+            gap_s=(gap_s, 0.0, LONGEST_PAUSE_S),
+            drain_s=(drain_s, 0.0, LONGEST_PAUSE_S),
+            alarm_type=(alarm_type, 0, 9),
+        )
         if units not in (None, "degC", "degF"):
             raise ValueError(f"units {units!r}: 'degC' or 'degF' is expected")
-        for name, pause_s in (("gap_s", gap_s), ("drain_s", drain_s or 0.0)):
-            if not 0.0 <= pause_s <= LONGEST_PAUSE_S:
-                raise ValueError(f"{name} {pause_s}: 0 to {LONGEST_PAUSE_S:g} is expected")
-        if alarm_type is not None and not 0 <= alarm_type <= 9:
-            raise ValueError(f"alarm_type {alarm_type}: 0 to 9 is expected")
         if power_read_code is not None and not re.fullmatch("[0-9a-z]{2}", power_read_code):
             raise ValueError(f"power_read_code {power_read_code!r}: two digits of a command are expected")
         self._model = table = model_of(model)
@@ -372,7 +371,7 @@ class TeTechnologyController(TemperatureController):
         self._alarm_type = alarm_type
         self._power_read = table.power_read if power_read_code is None else power_read_code.encode("ascii")
         largest = LARGEST_FIELD / GAIN_UNITS
-        check_gains(
+        check_within(
             bandwidth_K=(bandwidth_K, 1.0 / table.per_degC, LARGEST_FIELD / table.per_degC),
             integral_per_min=(integral_per_min, 0.0, largest),
             derivative_min=(derivative_min, 0.0, largest),
