@@ -19,9 +19,9 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -236,21 +236,16 @@ GAUGES = {
 }
 
 
-class Metrics:
-    """Metrics of the bench: a registry with one collector."""
+class Metrics(NamedTuple):
+    """Metrics of the bench, from its last state and row. rows: that were published; gone: the bench process is."""
 
-    def __init__(self) -> None:
-        self._registry = CollectorRegistry(auto_describe=False)
-        self._registry.register(self)
-        self._given: tuple[dict[str, Any], dict[str, Any], int, bool] = ({}, {}, 0, True)
-
-    def text(self, state: dict[str, Any], row: dict[str, Any], rows: int, gone: bool) -> tuple[bytes, str]:
-        """Return the text and its media type, from the last state and row."""
-        self._given = (state, row, rows, gone)
-        return generate_latest(self._registry), CONTENT_TYPE_LATEST
+    state: dict[str, Any]
+    row: dict[str, Any]
+    rows: int
+    gone: bool
 
     def collect(self) -> Iterator[Metric]:
-        state, row, rows, gone = self._given
+        state, row, rows, gone = self
         reading, ticks = {**state.get("reading", {}), **row}, state.get("ticks", {})
         word = GaugeMetricFamily("peltier_state", "1 for the state that the bench is in.", labels=["state"])
         for name in STATES:
@@ -283,7 +278,6 @@ class Requests:
         self._history = Path(settings["history"])
         self._queries = HistoryQueries()
         self._plane_queries = HistoryQueries(PLANE_S, at_once=1)
-        self._metrics = Metrics()
         self._plane = LoopPlane(self._history)
 
     async def _get(self, path: str) -> Any:
@@ -356,8 +350,8 @@ class Requests:
 
     async def metrics(self, request: Request) -> Response:
         link = self._link
-        body, kind = self._metrics.text(link.current(), link.row, link.rows, link.gone.is_set())
-        return Response(body, media_type=kind)
+        found: Any = Metrics(link.current(), link.row, link.rows, link.gone.is_set())  # all that is asked of a registry
+        return Response(generate_latest(found), media_type=CONTENT_TYPE_LATEST)
 
     async def health(self, request: Request) -> Response:
         """Reply 200 while control cycles complete, else 503 with the faults."""
