@@ -54,7 +54,8 @@ def parsed_toml(text: str, where: Path) -> dict[str, Any]:
         raise fault(where, "", "is not valid TOML: an integer of too many digits; expected at most 64 bits") from None
     except RecursionError:
         raise fault(where, "", f"is not valid TOML: nested too deeply; expected at most {DEEPEST} levels") from None
-    lines = [f"{where}: {place or 'the file'}: {what}" for place, what in unusable_values(content, DEEPEST)]
+    found = unusable_values(content, DEEPEST, finite=False)  # of numbers the schema says it, with all other faults
+    lines = [f"{where}: {place or 'the file'}: {what}" for place, what in found]
     if lines:
         raise Faults(lines[:20])
     return content

@@ -35,7 +35,7 @@ def parsed_json(content: bytes | str) -> Any:
         raise
     except ValueError:
         raise ValueError("expected numbers of fewer digits") from None
-    for place, what in unusable_values(value, DEEPEST):
+    for place, what in unusable_values(value, DEEPEST, finite=True):
         raise ValueError(f"{place}: {what}" if place else what)
     return value
 
@@ -44,8 +44,9 @@ def _refuse(word: str) -> Any:
     raise _NotFinite(f"{word}: expected a finite number")
 
 
-def unusable_values(content: Any, deepest: int) -> Iterator[tuple[str, str]]:
-    """Yield the place of each value that cannot be shown, stored or computed with, and what is expected there."""
+def unusable_values(content: Any, deepest: int, finite: bool) -> Iterator[tuple[str, str]]:
+    """Yield the place of each value that cannot be shown or stored, and what is expected there. finite: numbers have to
+    be."""
     left: list[tuple[str, Any, int]] = [("", content, 0)]
     while left:
         place, value, depth = left.pop()
@@ -62,7 +63,7 @@ def unusable_values(content: Any, deepest: int) -> Iterator[tuple[str, str]]:
             yield place, "expected text of valid Unicode without the character NUL"
         elif isinstance(value, int) and not -LARGEST <= value < LARGEST:
             yield place, "expected an integer of at most 64 bits"
-        elif isinstance(value, float) and not math.isfinite(value):
+        elif finite and isinstance(value, float) and not math.isfinite(value):
             yield place, "expected a finite number"
 
 

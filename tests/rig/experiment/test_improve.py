@@ -141,7 +141,9 @@ def test_what_is_found_and_not_named_is_tried(
     text = files["model.toml"].replace(b"actuator_delay", b"sensor_lag")
     files["candidate.toml"] = text.replace(b"delay_s", b"tau_s")
     document = {**json.loads(files["diagnosis.json"]), "effects": [], "candidates": [CANDIDATE]}
-    monkeypatch.setattr("rig.report.diagnosis.told", lambda *words, **more: RecordReport(document, ("",), files))
+    monkeypatch.setattr(
+        "rig.report.diagnosis.report_diagnosis", lambda *words, **more: RecordReport(document, ("",), files)
+    )
     words = ("improve", folder / "first", "--config", folder / "config.toml", "--yes", "--out")
     status, out, _ = peltier(*words, tmp_path / "tried")
     assert status == 0
@@ -167,7 +169,7 @@ def test_what_tells_the_run_no_better_is_not_run(
     files["model.toml"] = files["model.toml"].replace(f"delay_s = {found}".encode(), b"delay_s = 8.0")
     assert b"delay_s = 8.0" in files["model.toml"]
     said = RecordReport(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
-    monkeypatch.setattr("rig.report.diagnosis.told", lambda *words, **more: said)
+    monkeypatch.setattr("rig.report.diagnosis.report_diagnosis", lambda *words, **more: said)
     words = ("improve", folder / "first", "--config", folder / "config.toml", "--yes", "--out", tmp_path / "b")
     status, out, _ = peltier(*words)
     assert status == 0
@@ -180,7 +182,7 @@ def known(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The same, its diagnosis known already: it takes seconds."""
     files = files_in(folder / "better" / "diagnosis")
     said = RecordReport(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
-    monkeypatch.setattr("rig.report.diagnosis.told", lambda *words, **more: said)
+    monkeypatch.setattr("rig.report.diagnosis.report_diagnosis", lambda *words, **more: said)
     return folder
 
 
@@ -191,7 +193,9 @@ def test_what_the_model_has_is_run_again_where_it_tells_the_run_better_for_being
     with one that is a tenth nearer to what was measured much is."""
     files, better = files_in(folder / "better" / "diagnosis"), folder / "better"
     document = json.loads(files["diagnosis.json"])
-    monkeypatch.setattr("rig.report.diagnosis.told", lambda *words, **more: RecordReport(document, ("",), files))
+    monkeypatch.setattr(
+        "rig.report.diagnosis.report_diagnosis", lambda *words, **more: RecordReport(document, ("",), files)
+    )
     run = tmp_path / "run"
     shutil.copytree(better / "run", run)
     words = ("improve", run, "--config", better / "config.toml", "--yes", "--out")
