@@ -12,6 +12,7 @@ D. L. Miller, J. Human Resources 50 (2015) 317 (this variant is their CR3).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -81,8 +82,7 @@ def block_sandwich(
     """Return the covariance of the parameters of a least-squares fit.
 
     jacobian: d fit / d parameters, shape (rows, k); residual: shape (rows,), rows in sequence. blocks: default, by the
-    residual's correlation. precision: of normal priors, over that of the residual, shape (k, k). In no direction is the
-    spread taken smaller than white residuals would give it.
+    residual's correlation. precision: of normal priors, over that of the residual, shape (k, k).
     """
     rows = residual.size
     count = block_count(residual) if blocks is None else blocks
@@ -100,10 +100,28 @@ def block_sandwich(
     scores = np.stack([_score(scaled[a:b], residual[a:b]) for a, b in pairwise(edges)])
     values, axes = np.linalg.eigh(scores.T @ scores)
     white = float(residual @ residual) / max(rows - float(np.sum(scaled**2)), 1.0)
-    meat = (axes * np.maximum(values, white)) @ axes.T
+    meat = (axes * _spread(values, white, count)) @ axes.T
     matrix = bread @ meat @ bread.T / np.outer(size, size)
     lost = np.any(np.abs(vectors[:, ~known]) > 1e-3, axis=1)
     return Covariance(np.asarray(matrix, dtype=np.float64), np.asarray(lost, dtype=np.bool_))
+
+
+def _spread(values: Array, white: float, blocks: int) -> Array:
+    """Return how much the blocks' scores spread along each axis. values: eigenvalues of their sum of squares, (k,);
+    white: what white residuals give.
+
+    Eigenvalues of so few blocks lie on both sides of a common spread, up to (1 + sqrt(k / blocks))^2 of it, though it
+    is the same along all axes (V. Marchenko, L. Pastur, Math. USSR Sb. 1 (1967) 457). Only what lies beyond is a larger
+    spread along an axis of its own, and is too large by a known factor (D. Donoho, M. Gavish, I. Johnstone, Ann.
+    Statist. 46 (2018) 1742). In no direction is the spread taken smaller than that of white residuals.
+    """
+    share = values.size / blocks
+    common, edge = max(float(np.mean(values)), white), (1.0 + math.sqrt(share)) ** 2
+    while np.any(own := values > edge * common) and (less := max(float(np.mean(values[~own])), white)) < common:
+        common = less
+    half = 0.5 * (values / common + 1.0 - share)
+    alone = half + np.sqrt(np.maximum(half**2 - values / common, 0.0))
+    return np.asarray(common * np.where(own, alone, 1.0))
 
 
 def _score(columns: Array, residual: Array) -> Array:
