@@ -18,8 +18,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Reading, pinned
-from sim.inference.joint.channel_noise import Metric
 from sim.inference.joint.likelihood import BESIDE, Fit, Joint, Point
+from sim.inference.noise import Metric
 
 SIZES: Final = 4  # starting sizes of a parameter, over its typical range
 SIZES_OF_SEVERAL: Final = 3  # the same of each parameter where there are several

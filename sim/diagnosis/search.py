@@ -14,7 +14,6 @@ from sim.diagnosis.candidates import Start, is_sizeable, possible, scores, start
 from sim.diagnosis.intervals import LESS_LIKELY, Jumps
 from sim.effects.effect import Effect, at_the_terminals, jumps
 from sim.inference.evidence import FALSE_ALARM, price
-from sim.inference.joint.channel_noise import ChannelNoise, Metric
 from sim.inference.joint.films import PIFilm
 from sim.inference.joint.likelihood import Fit, Module
 from sim.inference.joint.starts import (
@@ -26,7 +25,7 @@ from sim.inference.joint.starts import (
     with_plate_anew,
     with_preisach_film,
 )
-from sim.inference.noise import estimate
+from sim.inference.noise import ChannelNoise, Metric, estimate
 from sim.inference.nuisance import WORTH
 
 TRIED: Final = 5  # candidates that are fitted in full at each stage: true ones are nearly always among the first three

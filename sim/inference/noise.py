@@ -1,4 +1,4 @@
-"""Noise of one channel: white noise, and a slow discrepancy between the model and the rig.
+"""Noise of one channel: white noise, a slow discrepancy between model and rig, an instrument's colour, rounding.
 
     residual(t_k) = d(t_k) + e_k,     e_k ~ N(0, white^2 v_k)
     <d(t) d(t + x)> = slow^2 (1 + x / l) exp(-x / l),     tau = 2 l, the integral of the correlation
@@ -7,12 +7,14 @@ d is a Gaussian process with a continuous rate (Matern's of order 3/2): what a m
 its integral. A rougher process would take the thermometer's noise for its own. Its size and its correlation time tau
 are estimated with the white noise by maximum likelihood, and its size is 0 where it does not make the residual
 significantly likelier. Evidence and intervals are thereby discounted by themselves wherever a model is wrong
-(M. C. Kennedy, A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425). A Kalman filter of two states gives the likelihood, and
-whitens residuals and columns of a Jacobian alike, in a time linear in the rows and at any distances between them; its
-smoother gives d itself (J. Hartikainen, S. Sarkka, IEEE MLSP (2010) 379).
+(M. C. Kennedy, A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425). A Kalman filter of two states whitens residuals and
+columns of a Jacobian alike, in a time linear in the rows and at any distances between them; its smoother gives d itself
+(J. Hartikainen, S. Sarkka, IEEE MLSP (2010) 379).
 
 v_k is 1, or larger for a reading that lies far out: the weight of P. J. Huber, Robust Statistics (Wiley 1981), ch. 7,
-written as a variance.
+written as a variance. A slow part that is there at rest as in motion is no discrepancy but the colour of the
+instrument's noise, as a filter or 1/f noise makes it. A reading that was rounded says only that the value before lay
+within half a step; its likelihood is that of the interval.
 
 A film has a further discrepancy, which is no process in time but comes again whenever its memory does (`Repeated`):
 columns with normal coefficients of one variance, which the evidence chooses (D. MacKay, Neural Computation 4 (1992)
@@ -24,16 +26,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
-from scipy.special import chdtri
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+from scipy.optimize import minimize, minimize_scalar
+from scipy.special import chdtri, log_ndtr
 
 from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
+from sim.inference.evidence import price
+from sim.inference.kalman import filter_gains, smoothed, whitened
+
+if TYPE_CHECKING:
+    from sim.inference.joint.domains import Domains
 
 MAD: Final = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 FAR_OUT: Final = 4.0  # standard deviations beyond which a reading weighs less: 1 in 16,000 of normal readings
@@ -47,133 +55,39 @@ FLAT: Final = 1e-6  # of a log-likelihood: rounding
 STRIDE: Final = 1.0  # of ln(step / white^2) between trials: a parabola through three of them is within 0.1
 NOT_ALLOWED: Final = 1e300  # cost of a point outside a bound
 LOG_RATIO: Final = (-12.0, 20.0)  # bounds of ln(slow^2 / white^2): a thousandth, and ten thousand times, of the noise
-
-
-@njit(inline="always")
-def _predicted(length: float, dt: float, ratio: float, p: Array, step: Array) -> None:
-    """Step of the process by dt: its transition into step (2, 2), its covariance p (3,), of d, d and rate, rate, on."""
-    x = dt / length
-    fade = math.exp(-x)
-    step[0, 0], step[0, 1] = fade * (1.0 + x), fade * dt
-    step[1, 0], step[1, 1] = -fade * x / length, fade * (1.0 - x)
-    rate = ratio / (length * length)
-    a, b, c = p[0] - ratio, p[1], p[2] - rate  # from what it is without any reading
-    p[0] = ratio + step[0, 0] ** 2 * a + 2.0 * step[0, 0] * step[0, 1] * b + step[0, 1] ** 2 * c
-    p[1] = (
-        step[0, 0] * step[1, 0] * a
-        + (step[0, 0] * step[1, 1] + step[0, 1] * step[1, 0]) * b
-        + step[0, 1] * step[1, 1] * c
-    )
-    p[2] = rate + step[1, 0] ** 2 * a + 2.0 * step[1, 0] * step[1, 1] * b + step[1, 1] ** 2 * c
+BRIEF: Final = 5.0  # steps: colour that a filter makes lasts no longer
+FLICKER: Final = 3.0  # white noises: 1/f noise over an hour's record is no larger
+LONG_REST: Final = 5.0  # correlation times within which nothing moves at rest, and a mean is taken off
+ENOUGH_REST: Final = 10.0  # the same in all: a variance is then known to a half
+ALIKE: Final = 0.5  # of the mean square in motion: at rest it is as large, but for chance
+LEVELS: Final = 8  # of what is shown, between which the size of the white noise may change
+A_LEVEL: Final = 100  # readings: a variance is then known to a fifth
+MEDIANS: Final = 0.19  # of the information on a variance: a median has 0.37 (Huber, ch. 5), neighbours' bends half
+LOG_SHARE: Final = (-4.0, 1.0)  # bounds of ln(noise / step): below a fiftieth of a step no noise is seen
+LEAST_KNOWN: Final = 1e-6  # of a reading's information: it is divided by
 
 
 @njit
-def _profile(residual: Array, steps: Array, variance: Array, ratio: float, length: float) -> tuple[float, float]:
-    """(-2 log-likelihood with the white variance at its best, without constants; that variance).
+def _matern(steps: Array, length: float, ratio: float) -> Array:
+    """Return the moves (`kalman`) of d and its rate over steps (s, nan where a record begins) for white = 1.
 
-    steps: s since the row before, nan where a record begins; variance: v_k; ratio: slow^2 / white^2; length: l, s.
+    length: l, s; ratio: slow^2 / white^2.
     """
-    p, f = np.zeros(3), np.zeros((2, 2))
-    d, rate, logs, square = 0.0, 0.0, 0.0, 0.0
-    for k in range(residual.size):
-        if math.isnan(steps[k]):
-            d = rate = 0.0
-            p[0], p[1], p[2] = ratio, 0.0, ratio / (length * length)
-        else:
-            _predicted(length, steps[k], ratio, p, f)
-            d, rate = f[0, 0] * d + f[0, 1] * rate, f[1, 0] * d + f[1, 1] * rate
-        total = p[0] + variance[k]
-        innovation = residual[k] - d
-        logs += math.log(total)
-        square += innovation * innovation / total
-        gain, gain_rate = p[0] / total, p[1] / total
-        d += gain * innovation
-        rate += gain_rate * innovation
-        p[2] -= gain_rate * p[1]
-        p[1] *= 1.0 - gain
-        p[0] *= 1.0 - gain
-    white = max(square / residual.size, 1e-300)
-    return residual.size * math.log(white) + logs, white
-
-
-@njit
-def _gains(steps: Array, variance: Array, ratio: float, length: float, out: Array) -> None:
-    """Filter of each row, into out (rows, 7): transition (4), gains of d and of its rate, 1 / standard deviation of the
-    innovation (white = 1)."""
-    p, f = np.zeros(3), np.zeros((2, 2))
+    out = np.zeros((steps.size, 7))
+    rate = 1.0 / (length * length)
     for k in range(steps.size):
-        if math.isnan(steps[k]):
-            f[:] = 0.0
-            p[0], p[1], p[2] = ratio, 0.0, ratio / (length * length)
+        if k > 0 and steps[k] == steps[k - 1]:
+            out[k] = out[k - 1]
+        elif math.isnan(steps[k]):
+            out[k, 4], out[k, 6] = ratio, ratio * rate
         else:
-            _predicted(length, steps[k], ratio, p, f)
-        total = p[0] + variance[k]
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = f[0, 0], f[0, 1], f[1, 0], f[1, 1]
-        out[k, 4], out[k, 5], out[k, 6] = p[0] / total, p[1] / total, 1.0 / math.sqrt(total)
-        p[2] -= out[k, 5] * p[1]
-        p[1] *= 1.0 - out[k, 4]
-        p[0] *= 1.0 - out[k, 4]
-
-
-@njit
-def _whiten(columns: Array, gains: Array, out: Array) -> None:
-    """Each column's innovations over their standard deviation, into out (rows, columns)."""
-    count = columns.shape[1]
-    d, rate = np.zeros(count), np.zeros(count)
-    for k in range(columns.shape[0]):
-        a, b, c, e, gain, gain_rate, scale = gains[k]
-        for j in range(count):
-            ahead, ahead_rate = a * d[j] + b * rate[j], c * d[j] + e * rate[j]
-            innovation = columns[k, j] - ahead
-            d[j] = ahead + gain * innovation
-            rate[j] = ahead_rate + gain_rate * innovation
-            out[k, j] = innovation * scale
-
-
-@njit
-def _smooth(residual: Array, steps: Array, variance: Array, ratio: float, length: float, out: Array) -> None:
-    """Mean and variance (white = 1) of d in each row given all rows, into out (rows, 2): Rauch, Tung and Striebel."""
-    n = residual.size
-    mean, cov = np.zeros((n, 2)), np.zeros((n, 3))
-    ahead_cov, move = np.zeros((n, 3)), np.zeros((n, 2, 2))
-    p, f = np.zeros(3), np.zeros((2, 2))
-    d, rate = 0.0, 0.0
-    for k in range(n):
-        if math.isnan(steps[k]):
-            d = rate = 0.0
-            f[:] = 0.0
-            p[0], p[1], p[2] = ratio, 0.0, ratio / (length * length)
-        else:
-            _predicted(length, steps[k], ratio, p, f)
-            d, rate = f[0, 0] * d + f[0, 1] * rate, f[1, 0] * d + f[1, 1] * rate
-        ahead_cov[k], move[k] = p, f
-        total = p[0] + variance[k]
-        innovation, gain, gain_rate = residual[k] - d, p[0] / total, p[1] / total
-        d += gain * innovation
-        rate += gain_rate * innovation
-        p[2] -= gain_rate * p[1]
-        p[1] *= 1.0 - gain
-        p[0] *= 1.0 - gain
-        mean[k, 0], mean[k, 1], cov[k] = d, rate, p
-    for k in range(n - 2, -1, -1):
-        f, q = move[k + 1], ahead_cov[k + 1]
-        det = q[0] * q[2] - q[1] * q[1]
-        if det <= 0.0:
-            continue
-        c = cov[k]
-        c00, c01 = c[0] * f[0, 0] + c[1] * f[0, 1], c[0] * f[1, 0] + c[1] * f[1, 1]
-        c10, c11 = c[1] * f[0, 0] + c[2] * f[0, 1], c[1] * f[1, 0] + c[2] * f[1, 1]
-        g00, g01 = (c00 * q[2] - c01 * q[1]) / det, (c01 * q[0] - c00 * q[1]) / det
-        g10, g11 = (c10 * q[2] - c11 * q[1]) / det, (c11 * q[0] - c10 * q[1]) / det
-        x = mean[k + 1, 0] - f[0, 0] * mean[k, 0] - f[0, 1] * mean[k, 1]
-        y = mean[k + 1, 1] - f[1, 0] * mean[k, 0] - f[1, 1] * mean[k, 1]
-        u, v, w = cov[k + 1, 0] - q[0], cov[k + 1, 1] - q[1], cov[k + 1, 2] - q[2]
-        mean[k, 0] += g00 * x + g01 * y
-        mean[k, 1] += g10 * x + g11 * y
-        cov[k, 0] += g00 * g00 * u + 2.0 * g00 * g01 * v + g01 * g01 * w
-        cov[k, 1] += g00 * g10 * u + (g00 * g11 + g01 * g10) * v + g01 * g11 * w
-        cov[k, 2] += g10 * g10 * u + 2.0 * g10 * g11 * v + g11 * g11 * w
-    out[:, 0], out[:, 1] = mean[:, 0], cov[:, 0]
+            x = steps[k] / length
+            fade = math.exp(-x)
+            a, b, c, e = fade * (1.0 + x), fade * steps[k], -fade * x / length, fade * (1.0 - x)
+            out[k, 0], out[k, 1], out[k, 2], out[k, 3] = a, b, c, e
+            out[k, 4], out[k, 5] = ratio * (1.0 - a * a - b * b * rate), -ratio * (a * c + b * e * rate)
+            out[k, 6] = ratio * (rate - c * c - e * e * rate)
+    return out
 
 
 @dataclass(frozen=True)
@@ -240,20 +154,31 @@ class Whitening:
     the columns of what comes again after that map, (1 + step A A')^(-1/2)."""
 
     def __init__(self, noise: Noise, readings: Readings, repeated: Repeated | None = None) -> None:
-        self.noise = noise
-        self._gains, self._columns = _in_time(noise, readings, repeated)
-        self.log_scale = float(np.sum(np.log(self._gains[:, 6])))
-        if self._columns is not None:
-            sizes, ways = np.linalg.eigh(self._columns.T @ self._columns)
+        self.noise, self._columns = noise, None
+        variance = readings.variance
+        if repeated is not None:
+            variance = variance + noise.step / noise.white**2 * repeated.rest
+        self._moves = _matern(readings.steps_s, 0.5 * noise.tau_s, noise.ratio)
+        self._gains = filter_gains(self._moves, variance)
+        self._gains[:, 2] /= noise.white
+        self.log_scale = float(np.sum(np.log(self._gains[:, 2])))
+        if repeated is not None:
+            columns = self.in_time(repeated.columns)
+            sizes, ways = np.linalg.eigh(columns.T @ columns)
             more = 1.0 + noise.step * np.maximum(sizes, 0.0)
             self.log_scale -= 0.5 * float(np.sum(np.log(more)))
             seen = more > 1.0 + NEGLIGIBLE  # the others are as good as white
             less = (1.0 - more[seen] ** -0.5) / sizes[seen]
-            self._columns = self._columns @ (ways[:, seen] * np.sqrt(less))
+            self._columns = columns @ (ways[:, seen] * np.sqrt(less))
+
+    def in_time(self, columns: Array) -> Array:
+        """The columns over what goes on in time alone."""
+        values = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
+        return whitened(self._moves, self._gains, values).reshape(columns.shape)
 
     def of(self, columns: Array) -> Array:
         """The columns, (readings, columns) or (readings,), in units of the noise."""
-        out = _whitened(columns, self._gains)
+        out = self.in_time(columns)
         if self._columns is not None:
             out = out - self._columns @ (self._columns.T @ out)
         return out
@@ -264,22 +189,12 @@ class Whitening:
         return self.log_scale - 0.5 * float(white @ white)
 
 
-def _in_time(noise: Noise, readings: Readings, repeated: Repeated | None) -> tuple[Array, Array | None]:
-    """Filter that whitens what goes on in time, as in `_gains`, and the columns of what comes again after it."""
-    variance = readings.variance
-    if repeated is not None:
-        variance = variance + noise.step / noise.white**2 * repeated.rest
-    gains = np.empty((readings.time_s.size, 7))
-    _gains(readings.steps_s, variance, noise.ratio, 0.5 * noise.tau_s, gains)
-    gains[:, 6] /= noise.white
-    return gains, _whitened(repeated.columns, gains) if repeated is not None else None
-
-
-def _whitened(columns: Array, gains: Array) -> Array:
-    values = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
-    out = np.empty_like(values)
-    _whiten(values, gains, out)
-    return out.reshape(columns.shape)
+def _profile(residual: Array, readings: Readings, ratio: float, tau_s: float) -> tuple[float, float]:
+    """(-2 log-likelihood with the white variance at its best, without constants; that variance)."""
+    whitening = Whitening(Noise(1.0, math.sqrt(ratio), tau_s), readings)
+    square = whitening.in_time(residual)
+    white = max(float(square @ square) / residual.size, 1e-300)
+    return residual.size * math.log(white) - 2.0 * whitening.log_scale, white
 
 
 def estimate(
@@ -301,11 +216,11 @@ def estimate(
 
     def cost(place: Array) -> float:
         ratio, tau = math.exp(np.clip(place[0], *LOG_RATIO)), math.exp(np.clip(place[1], *log_tau))
-        value, white = _profile(residual, readings.steps_s, readings.variance, ratio, 0.5 * tau)
+        value, white = _profile(residual, readings, ratio, tau)
         return value if ratio * white <= most_slow**2 else NOT_ALLOWED
 
     log_tau = math.log(max(least_tau_s, step)), math.log(10.0 * span)
-    alone, white = _profile(residual, readings.steps_s, readings.variance, 0.0, step)
+    alone, white = _profile(residual, readings, 0.0, step)
     times = [step * time for time in TIMES if time * step < 3.0 * span]
     starts = [(math.log(ratio), math.log(time)) for ratio in RATIOS for time in times]
     if near is not None and near.slow > 0.0:
@@ -315,7 +230,7 @@ def estimate(
         found = minimize(cost, best, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxiter": 200})
         if 0.5 * (alone - found.fun) > SIGNIFICANT:
             ratio, tau = math.exp(np.clip(found.x[0], *LOG_RATIO)), math.exp(np.clip(found.x[1], *log_tau))
-            white = _profile(residual, readings.steps_s, readings.variance, ratio, 0.5 * tau)[1]
+            white = _profile(residual, readings, ratio, tau)[1]
             return Noise(max(math.sqrt(white), least_white), math.sqrt(ratio * white), tau)
     return Noise(max(math.sqrt(white), least_white))
 
@@ -331,14 +246,15 @@ def estimate_repeated(
 
     def at(ratio: float) -> tuple[float, float, Array]:
         """(-2 log-likelihood with the white variance at its best; that variance; mean) for a ratio step / white^2."""
-        gains, columns = _in_time(Noise(1.0, math.sqrt(before.ratio), before.tau_s, ratio), readings, repeated)
-        assert columns is not None
-        white = _whitened(residual, gains)
+        noise = Noise(1.0, math.sqrt(before.ratio), before.tau_s)
+        rest = replace(readings, variance=readings.variance + ratio * repeated.rest)
+        whitening = Whitening(noise, rest)
+        columns, white = whitening.in_time(repeated.columns), whitening.in_time(residual)
         inner = columns.T @ white
         factor = cho_factor(np.eye(inner.size) + ratio * (columns.T @ columns))
         coefficients = ratio * cho_solve(factor, inner)
         variance = max(float(white @ white - inner @ coefficients) / white.size, 1e-300)
-        logs = np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(gains[:, 6]))
+        logs = np.sum(np.log(np.diag(factor[0]))) - whitening.log_scale
         return float(2.0 * logs) + white.size * math.log(variance), variance, repeated.columns @ coefficients
 
     known = before.step > 0.0
@@ -373,9 +289,9 @@ def rough_noise(readings: Array) -> float:
 
 def discrepancy(residual: Array, noise: Noise, readings: Readings) -> tuple[Array, Array]:
     """Mean and standard deviation of d in each reading, given all of them, in the channel's unit, (readings,)."""
-    found = np.empty((residual.size, 2))
-    _smooth(residual, readings.steps_s, readings.variance, noise.ratio, 0.5 * noise.tau_s, found)
-    return found[:, 0], noise.white * np.sqrt(np.maximum(found[:, 1], 0.0))
+    moves = _matern(readings.steps_s, 0.5 * noise.tau_s, noise.ratio)
+    found = smoothed(moves, filter_gains(moves, readings.variance), residual)
+    return found[:, 0], noise.white * np.sqrt(np.maximum(found[:, 2], 0.0))
 
 
 def variances(residual: Array, noise: Noise, readings: Readings) -> Array:
@@ -385,3 +301,171 @@ def variances(residual: Array, noise: Noise, readings: Readings) -> Array:
     alone = np.abs(residual - mean) / (noise.white * np.sqrt(readings.variance * np.maximum(known, 1e-3)))
     size = alone * np.sqrt(readings.variance)  # in white noises, whatever it weighed before
     return np.maximum(1.0, size / FAR_OUT)
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelNoise:
+    """The noise of one channel's used readings, and the map that makes it white. of_instrument: its slow part is the
+    colour of the instrument's noise, and no discrepancy of the model; domains: the discrepancy over a film's memory,
+    where the film is one of domains; step: to which readings are rounded whose likelihood is that of their intervals,
+    all noise white; 0: they count as they are."""
+
+    noise: Noise
+    readings: Readings
+    of_instrument: bool = False
+    domains: Domains | None = None
+    step: float = 0.0
+
+    @cached_property
+    def whitening(self) -> Whitening:
+        return Whitening(self.noise, self.readings, self.domains)
+
+    @property
+    def log_scale(self) -> float:
+        """The part of the log-likelihood that does not depend on the residual."""
+        return self.whitening.log_scale
+
+    def white(self, size: float) -> ChannelNoise:
+        """The same readings with noise of which nothing goes on in time."""
+        return replace(self, noise=Noise(size, step=self.noise.step), of_instrument=False)
+
+    def without_slow(self) -> ChannelNoise:
+        """The same size of noise, all of it white but for the instrument's colour."""
+        return self if self.of_instrument else self.white(math.hypot(self.noise.white, self.noise.slow))
+
+
+@dataclass(frozen=True, eq=False)
+class Metric:
+    """The noise of both channels; output: None without a film. simulated: whether a current drives the plate; if not,
+    the thermometer's discrepancy is all of the path and says how well that is known: it stays as it is."""
+
+    temperature: ChannelNoise
+    output: ChannelNoise | None
+    simulated: bool = True
+
+    @property
+    def channels(self) -> list[ChannelNoise]:
+        return [channel for channel in (self.temperature, self.output) if channel is not None]
+
+    def tight(self) -> Metric:
+        """The metric of the white noise alone, where the discrepancy is larger: the least error of the simulation."""
+        channels = [
+            channel
+            if channel is None or channel.of_instrument or channel.noise.slow <= channel.noise.white
+            else channel.white(channel.noise.white)
+            for channel in (self.temperature, self.output)
+        ]
+        return self.of(channels[0] or self.temperature, channels[1])
+
+    def without_slow(self) -> Metric:
+        """The metric of a model that explains everything: no discrepancy, noise of the same size."""
+        return self.of(self.temperature.without_slow(), self.output.without_slow() if self.output else None)
+
+    def of(self, temperature: ChannelNoise, output: ChannelNoise | None) -> Metric:
+        """Other noise, but for the thermometer's where that is the path."""
+        return Metric(temperature if self.simulated else self.temperature, output, self.simulated)
+
+
+def of_rounded(residual: Array, step: float, white: float) -> tuple[Array, Array, Array]:
+    """(log-likelihood of each rounded reading, comparable to that of one that is not; the mean of its noise given the
+    interval that it was rounded from, over the noise; the share of its information that it kept), each (readings,).
+    residual: reading less what is shown."""
+    sign = np.where(residual < 0.0, -1.0, 1.0)
+    low, high = (np.abs(residual) - 0.5 * step) / white, (np.abs(residual) + 0.5 * step) / white
+    most, least = log_ndtr(-low), log_ndtr(-high)
+    logs = most + np.log1p(-np.exp(np.minimum(least - most, -1e-300)))
+    density = math.log(step) - 0.5 * math.log(2.0 * math.pi)  # as of readings that are not rounded
+    at_low, at_high = (np.exp(-0.5 * end**2 - 0.5 * math.log(2.0 * math.pi) - logs) for end in (low, high))
+    mean = at_low - at_high
+    known = np.clip(mean**2 - (low * at_low - high * at_high), LEAST_KNOWN, 1.0)
+    return logs - density, sign * mean, known
+
+
+def likelier_of_rounded(residual: Array, step: float, channel: ChannelNoise) -> ChannelNoise:
+    """The noise before readings were rounded, or another that takes rounding for noise of its own: what a model is off
+    by, no likelihood of intervals has, and it exceeds a step soon."""
+    white = noise_before_rounding(residual, step)
+    of_intervals = float(np.sum(of_rounded(residual, step, white)[0]))
+    if of_intervals < channel.whitening.log_likelihood(residual):
+        return channel
+    return ChannelNoise(Noise(white), replace(channel.readings, variance=np.ones(residual.size)), step=step)
+
+
+def noise_before_rounding(residual: Array, step: float) -> float:
+    """Return the likeliest white noise of readings before they were rounded."""
+
+    def cost(log_share: float) -> float:
+        return -float(np.sum(of_rounded(residual, step, math.exp(log_share) * step)[0]))
+
+    return step * math.exp(minimize_scalar(cost, bounds=LOG_SHARE, method="bounded", options={"xatol": 0.01}).x)
+
+
+def estimated_noise(
+    residual: Array,
+    readings: Readings,
+    error: Array,
+    least: float,
+    most: float,
+    start: ChannelNoise | None = None,
+    shown: Array | None = None,
+) -> ChannelNoise:
+    """Noise of a residual with readings far out weighing less. error: what each reading is off by besides; start: a
+    noise to begin with, and the discrepancy that comes again; shown: by what the white noise's size may differ."""
+    far, level, domains = np.ones(residual.size), np.ones(residual.size), start.domains if start else None
+    noise = Noise(max(float(np.sqrt(np.mean(residual**2))), least))
+    if start is not None and (domains is not None or start.noise.slow > 0.0):
+        noise = start.noise
+    for _ in range(3):
+        more, before = (error / noise.white) ** 2, noise
+        readings, left = replace(readings, variance=level * far + more), residual
+        if domains is None:
+            noise, known = estimate(residual, readings, least, most, near=noise), readings
+        else:
+            noise, mean = estimate_repeated(residual, readings, domains, noise, least, most)
+            left = residual - mean
+            more = more + noise.step / noise.white**2 * domains.rest
+            known = replace(readings, variance=level * far + more)
+        if shown is not None:
+            level = relative_variance(left, shown)
+        again = np.maximum(variances(left, noise, known) / (np.sqrt(level) + more), 1.0)
+        settled, far = np.allclose(again, far, rtol=0.1), again
+        if settled and shown is None and not np.any(error) and math.isclose(noise.step, before.step, rel_tol=0.1):
+            break
+    return ChannelNoise(noise, readings, domains=domains)
+
+
+def relative_variance(residual: Array, shown: Array) -> Array:
+    """Variance of each reading's white noise over the mean one, by what is shown: an ohmmeter's noise goes with range
+    and resistance. From what changes from reading to reading, since a film's misfit goes with what is shown, too; 1
+    where readings of all sizes are equally noisy, (readings,)."""
+    groups = np.array_split(np.argsort(shown[1:-1], kind="stable"), min(LEVELS, residual.size // A_LEVEL))
+    if len(groups) < 2:
+        return np.ones(residual.size)
+    bends = np.abs(np.diff(residual, 2)) * MAD / math.sqrt(6.0)
+    own = np.array([max(float(np.median(bends[g])), 1e-300) ** 2 for g in groups])
+    mean = float(np.exp(np.mean(np.log(own))))
+    gain = 0.5 * float(sum(g.size * (v / mean - 1.0 - math.log(v / mean)) for g, v in zip(groups, own, strict=True)))
+    if gain * MEDIANS <= price(len(groups), residual.size):
+        return np.ones(residual.size)
+    middles = np.array([float(np.median(shown[1:-1][g])) for g in groups])
+    found = np.exp(np.interp(shown, middles, np.log(own)))
+    return np.asarray(found / np.mean(found))
+
+
+def noise_of_instrument(residual: Array, channel: ChannelNoise, shown: Array) -> ChannelNoise:
+    """The noise, its slow part taken for the instrument's where it is there at rest as in motion: what a model lacks
+    goes with what the rig does. It lasts a few readings, as a filter makes it, or is about as large as the white noise,
+    as flicker is. shown: of the used readings, without noise."""
+    noise = channel.noise
+    brief = noise.tau_s < BRIEF * channel.readings.step_s()
+    if noise.slow == 0.0 or not (brief or noise.slow < FLICKER * noise.white):
+        return channel
+    mean, _ = discrepancy(residual, noise, channel.readings)
+    width = max(round(LONG_REST * noise.tau_s / channel.readings.step_s()), 2)
+    moved = maximum_filter1d(shown, width) - minimum_filter1d(shown, width)
+    rests = moved < math.hypot(noise.white, noise.slow)
+    if np.sum(rests) * channel.readings.step_s() < ENOUGH_REST * noise.tau_s:
+        return channel
+    quick = mean - uniform_filter1d(mean, width)  # at rest a film or plate that is off stands still
+    in_motion = quick[~rests] if not np.all(rests) else quick
+    return replace(channel, of_instrument=bool(np.mean(quick[rests] ** 2) > ALIKE * np.mean(in_motion**2)))

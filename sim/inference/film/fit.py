@@ -36,12 +36,11 @@ from sim.inference.film.result import (
 )
 from sim.inference.film.rows import OUTPUT, FilmRecord, Prepared, as_record, held_out_blocks, prepare
 from sim.inference.gain import rms
-from sim.inference.joint.channel_noise import ChannelNoise, Metric
 from sim.inference.joint.films import NamedCurve, PIFilm, PreisachFilm
 from sim.inference.joint.likelihood import Fit, Joint, Point
 from sim.inference.joint.starts import film_starts, first_metric, remembering, with_film_of
 from sim.inference.nnls import reduced, solve_triangle
-from sim.inference.noise import Noise, estimate, rough_noise, variances
+from sim.inference.noise import ChannelNoise, Metric, Noise, estimate, rough_noise, variances
 from sim.inference.nuisance import WORTH as WORTH_OF_MEMORY
 from sim.inference.readings.checked_columns import check_noise
 from sim.inference.readings.odd_readings import Column, lone_outliers, of_output, of_records

@@ -35,18 +35,21 @@ from compensator.thermal.plate import (
 )
 from sim.effects.effect import Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
 from sim.inference.covariance import Covariance, block_sandwich
-from sim.inference.joint.channel_noise import (
+from sim.inference.joint.domains import Domains, Relays, domain_columns
+from sim.inference.levenberg_marquardt import Damping, Linearized, descend, held_at_bounds
+from sim.inference.nnls import reduced, solve_triangle
+from sim.inference.noise import (
     ChannelNoise,
     Metric,
+    Noise,
+    Readings,
+    discrepancy,
     estimated_noise,
     likelier_of_rounded,
     noise_of_instrument,
     of_rounded,
+    rough_noise,
 )
-from sim.inference.joint.domains import Domains, Relays, domain_columns
-from sim.inference.levenberg_marquardt import Damping, Linearized, descend, held_at_bounds
-from sim.inference.nnls import reduced, solve_triangle
-from sim.inference.noise import Noise, Readings, discrepancy, rough_noise
 from sim.inference.nuisance import (
     LATE_SPREAD,
     LEAST_NOISE_DEC,

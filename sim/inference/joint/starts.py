@@ -13,12 +13,11 @@ from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import Kind
 from sim.effects.effect import Effect
 from sim.inference.film.preisach_density import relays_over
-from sim.inference.joint.channel_noise import ChannelNoise, Metric
 from sim.inference.joint.films import Curve, PIFilm, PreisachFilm, curve_over
 from sim.inference.joint.likelihood import ROUNDS, SETTLED, Fit, Joint, Point, TwoChannels
 from sim.inference.joint.plate_starts import rough_balances
 from sim.inference.memory import begun, gaps_of, through_gaps
-from sim.inference.noise import Noise, discrepancy, rough_noise
+from sim.inference.noise import ChannelNoise, Metric, Noise, discrepancy, rough_noise
 from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, WORTH
 from sim.model.record_own import FilmStart
 

@@ -32,6 +32,7 @@ from scipy.optimize import isotonic_regression
 
 from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
+from sim.inference.kalman import filter_gains, smoothed, whitened
 from sim.inference.readings.checked_columns import check_noise
 from sim.inference.readings.odd_readings import lone_outliers
 
@@ -45,6 +46,7 @@ STRAY: Final = 1.5  # in sigma: the smoothed path may not be further off the rea
 CORNER: Final = 3.0  # in ranges of the rate: how much it may change in a step where breaks are looked for
 CHANGES: Final = (2.0, 1.0, 0.5, 0.25, 0.12, 0.06, 0.03)  # the same over a whole corner, once all are found
 ROUNDED: Final = (10.0, 20.0, 40.0, 80.0, 160.0)  # in usual steps: how long a corner may last
+UNKNOWN: Final = 1e6  # variance of the first temperature, in that of a reading: only the reading tells it
 COARSELY: Final = (np.arange(-22.0, 9.0, 2.0),)  # of ln q, about one change of the rate by sigma / step in a step
 CLOSELY: Final = (*COARSELY, np.array([-1.0, 0.0, 1.0]), np.array([-0.5, 0.0, 0.5]))
 
@@ -62,60 +64,37 @@ class TemperaturePath:
     density: Array | None = None
 
 
-@njit
-def _smooth(
-    steps: Array, readings: Array, used: NDArray[np.bool_], density: Array, backward: bool, work: Array
-) -> float:
-    """Return the sum of the innovations' log variances of a Kalman filter (and smoother) with unit reading variance.
+class _Walk:
+    """Readings of a temperature whose rate walks at random, in units of their noise, over uneven steps, s.
 
-    steps: s, shape (n - 1,); density: q / sigma^2 in each step. work: shape (n, 8); its columns become
-    T, rate (smoothed if `backward`), the filter's covariance, and the innovation over its standard deviation.
+    readings: (n,), those that count for nothing straight between the others; used: which count.
     """
-    n = readings.size
-    t, rate = readings[0], 0.0
-    ptt, ptr, prr = 1.0, 0.0, 1.0
-    first = max(steps[0], 1e-9)
-    prr = 4.0 / (first * first)
-    logs = 0.0
-    for k in range(n):
-        if k > 0:
-            dt, q = steps[k - 1], density[k - 1]
-            t += rate * dt
-            ptt += 2.0 * dt * ptr + dt * dt * prr + q * dt * dt * dt / 3.0
-            ptr += dt * prr + 0.5 * q * dt * dt
-            prr += q * dt
-            work[k, 5] = 0.0
-            if used[k]:
-                innovation, s = readings[k] - t, ptt + 1.0
-                if k > 2:
-                    logs += math.log(s)
-                work[k, 5] = innovation / math.sqrt(s)
-                gain_t, gain_r = ptt / s, ptr / s
-                t += gain_t * innovation
-                rate += gain_r * innovation
-                prr -= gain_r * ptr
-                ptr -= gain_t * ptr
-                ptt -= gain_t * ptt
-        else:
-            work[0, 5] = 0.0
-        work[k, 0], work[k, 1], work[k, 2], work[k, 3], work[k, 4] = t, rate, ptt, ptr, prr
-    if backward:
-        for k in range(n - 2, -1, -1):
-            dt, q = steps[k], density[k]
-            ptt, ptr, prr = work[k, 2], work[k, 3], work[k, 4]
-            a_tt = ptt + 2.0 * dt * ptr + dt * dt * prr + q * dt * dt * dt / 3.0
-            a_tr = ptr + dt * prr + 0.5 * q * dt * dt
-            a_rr = prr + q * dt
-            determinant = a_tt * a_rr - a_tr * a_tr
-            if determinant <= 0.0:
-                continue
-            c_t, c_r = ptt + dt * ptr, ptr + dt * prr  # columns of P F'
-            g_tt, g_tr = (c_t * a_rr - ptr * a_tr) / determinant, (ptr * a_tt - c_t * a_tr) / determinant
-            g_rt, g_rr = (c_r * a_rr - prr * a_tr) / determinant, (prr * a_tt - c_r * a_tr) / determinant
-            dx, dr = work[k + 1, 0] - work[k, 0] - dt * work[k, 1], work[k + 1, 1] - work[k, 1]
-            work[k, 0] += g_tt * dx + g_tr * dr
-            work[k, 1] += g_rt * dx + g_rr * dr
-    return logs
+
+    def __init__(self, steps: Array, readings: Array, used: NDArray[np.bool_]) -> None:
+        self.steps, self.first = steps, float(readings[0])
+        self.readings, self.variance = readings - self.first, np.where(used, 1.0, np.inf)
+        self.moves = np.zeros((readings.size, 7))
+        self.moves[0, [4, 6]] = UNKNOWN, 4.0 / max(float(steps[0]), 1e-9) ** 2
+        self.moves[1:, [0, 3]], self.moves[1:, 1] = 1.0, steps
+        self.of_density = steps[:, None] ** [3, 2, 1] / [3.0, 2.0, 1.0]
+
+    def gains(self, density: Array) -> Array:
+        """Return the filter's gains. density: q / sigma^2 in each step, 1/s^3."""
+        self.moves[1:, 4:] = density[:, None] * self.of_density
+        return filter_gains(self.moves, self.variance)
+
+    def innovations(self, density: Array) -> tuple[float, Array]:
+        """Return the sum of the log variances of the innovations, and these over their deviations, 0 where no reading
+        counts, (n,)."""
+        gains = self.gains(density)
+        scales = gains[3:, 2]
+        logs = -2.0 * float(np.sum(np.log(scales[scales > 0.0])))
+        return logs, whitened(self.moves, gains, self.readings[:, None])[:, 0]
+
+    def smooth(self, density: Array) -> tuple[Array, Array]:
+        """Return temperature and rate given all readings, (n,) each."""
+        found = smoothed(self.moves, self.gains(density), self.readings)
+        return found[:, 0] + self.first, found[:, 1]
 
 
 @njit
@@ -167,31 +146,27 @@ def _cost_of_corners(logs: float, innovations: Array) -> float:
     return logs + innovations.size * math.log(square) + float(np.sum(innovations**2)) / square
 
 
-def _density(
-    steps: Array, readings: Array, used: NDArray[np.bool_], extra: Array, grids: Sequence[Array] = CLOSELY
-) -> float:
+def _density(walk: _Walk, used: NDArray[np.bool_], extra: Array, grids: Sequence[Array] = CLOSELY) -> float:
     """Return q / sigma^2 (1/s^3) of the highest likelihood beside what is added at corners, by grids in its logarithm,
     each about the best of the one before."""
-    work = np.empty((readings.size, 8))
-    best = -3.0 * math.log(float(np.median(steps)))
+    best = -3.0 * math.log(float(np.median(walk.steps)))
     for offsets in grids:
         tried = best + offsets
-        costs = [_cost(_smooth(steps, readings, used, extra + math.exp(x), False, work), work[used, 5]) for x in tried]
-        best = float(tried[int(np.argmin(costs))])
+        found = [walk.innovations(extra + math.exp(x)) for x in tried]
+        best = float(tried[int(np.argmin([_cost(logs, left[used]) for logs, left in found]))])
     return math.exp(best)
 
 
-def _corners(steps: Array, readings: Array, used: NDArray[np.bool_], breaks: NDArray[np.bool_], change: float) -> Array:
+def _corners(walk: _Walk, used: NDArray[np.bool_], breaks: NDArray[np.bool_], change: float) -> Array:
     """Return the density to add at the corners, of the highest likelihood; 0 elsewhere. change: of the rate, over the
     noise's standard deviation, 1/s: a range of it."""
-    work = np.empty((readings.size, 8))
-    spread = [_spread(steps, breaks, width * float(np.median(steps))) for width in (0.0, *ROUNDED)]
+    spread = [_spread(walk.steps, breaks, width * float(np.median(walk.steps))) for width in (0.0, *ROUNDED)]
 
     def cost(which: tuple[int, int]) -> float:
         width, size = which
         extra = (CHANGES[size] * change) ** 2 * spread[width]
-        density = _density(steps, readings, used, extra, COARSELY)
-        return _cost_of_corners(_smooth(steps, readings, used, density + extra, False, work), work[used, 5])
+        logs, left = walk.innovations(_density(walk, used, extra, COARSELY) + extra)
+        return _cost_of_corners(logs, left[used])
 
     known = {(0, size): cost((0, size)) for size in range(len(CHANGES))}
     best = min(known, key=known.__getitem__)
@@ -245,36 +220,35 @@ def temperature_path(
     trusted = used.copy()
     steps = np.diff(time)
     extra = np.zeros(steps.size)  # density at the corners
-    work = np.empty((readings.size, 8))
     density, variance = 1.0, 0.0
     for _ in range(4):
-        density = _density(steps, readings, used, extra)
-        _smooth(steps, readings, used, density + extra, False, work)
-        variance = _variance(work[used, 5])
+        walk = _Walk(steps, readings, used)
+        density = _density(walk, used, extra)
+        left = walk.innovations(density + extra)[1]
+        variance = _variance(left[used])
         if math.sqrt(variance) < NEGLIGIBLE * span:
             break
-        used = trusted & _trusted(work[:, 5] / math.sqrt(variance))
-        _smooth(steps, readings, used, density + extra, True, work)
-        breaks = _breaks(work[:, 1], extra > 0.0)
+        used = trusted & _trusted(left / math.sqrt(variance))
+        walk = _Walk(steps, readings, used)
+        rate = walk.smooth(density + extra)[1]
+        breaks = _breaks(rate, extra > 0.0)
         if np.array_equal(breaks, extra > 0.0):
             break
-        extra = np.where(breaks, (CORNER * np.ptp(work[:, 1])) ** 2 / (variance * steps), 0.0)
+        extra = np.where(breaks, (CORNER * np.ptp(rate)) ** 2 / (variance * steps), 0.0)
     if np.any(extra) and math.sqrt(variance) >= NEGLIGIBLE * span:
-        extra = _corners(steps, readings, used, extra > 0.0, float(np.ptp(work[:, 1])) / math.sqrt(variance))
-        density = _density(steps, readings, used, extra)
-        _smooth(steps, readings, used, density + extra, False, work)
-        variance = _variance(work[used, 5])
+        extra = _corners(walk, used, extra > 0.0, float(np.ptp(rate)) / math.sqrt(variance))
+        density = _density(walk, used, extra)
+        variance = _variance(walk.innovations(density + extra)[1][used])
     sigma = math.sqrt(variance) if noise_K is None else noise_K
     outliers = np.flatnonzero(finite & ~used)
     coarse = noise_K is None and span > WIDE_K and sigma > COARSE * span
     if sigma < NEGLIGIBLE * span or coarse:
         return TemperaturePath(readings, turning_points(readings, 0.0), 0.0, lone)
     for _ in range(12):
-        _smooth(steps, readings, used, density + extra, True, work)
-        if float(np.mean((readings[used] - work[used, 0]) ** 2)) < (STRAY * sigma) ** 2:
+        smooth = walk.smooth(density + extra)[0]
+        if float(np.mean((readings[used] - smooth[used]) ** 2)) < (STRAY * sigma) ** 2:
             break
         density *= 10.0
-    smooth = np.ascontiguousarray(work[:, 0])
     turning = turning_points(smooth, REVERSAL * sigma)
     return TemperaturePath(_monotone(smooth, turning), turning, sigma, outliers, density + extra)
 

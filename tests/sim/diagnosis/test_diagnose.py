@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sim.diagnosis.diagnose import diagnose
-from sim.inference.joint.channel_noise import noise_before_rounding, of_rounded
+from sim.inference.noise import noise_before_rounding, of_rounded
 from sim.inference.record.record import held_out_rows
 from tests.sim.diagnosis.said import covered, names
 from tests.truth import NOISE_DEC, Effects, record

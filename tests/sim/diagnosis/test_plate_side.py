@@ -13,9 +13,8 @@ from sim.diagnosis.search import Search
 from sim.diagnosis.selection import Selected, drive_moves, selected
 from sim.diagnosis.upper_limits import _allowed
 from sim.effects.catalogue import catalogue
-from sim.inference.joint.channel_noise import ChannelNoise, likelier_of_rounded
 from sim.inference.joint.starts import plate_fit
-from sim.inference.noise import Readings, estimate
+from sim.inference.noise import ChannelNoise, Readings, estimate, likelier_of_rounded
 from sim.inference.nuisance import resting_K
 from sim.inference.record.record import read_columns
 from tests.truth import record

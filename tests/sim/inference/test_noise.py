@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.inference.joint.channel_noise import relative_variance
-from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, variances
+from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, relative_variance, variances
 
 
 def covariance(time: np.ndarray, noise: Noise) -> np.ndarray:
