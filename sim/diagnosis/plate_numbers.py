@@ -16,7 +16,7 @@ from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.result import Interval, PlateNumbers, rough
 from sim.inference.covariance import NORMAL_95
 from sim.inference.joint.likelihood import PLATE_NAMES, Fit
-from sim.inference.plate.result import constant_drive
+from sim.inference.plate.fit import constant_drive
 
 FIXED_BY: Final = {
     "s": "steps of the current in both directions fix it",

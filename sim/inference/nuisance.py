@@ -20,7 +20,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import HeatFlow
-from sim.inference.levenberg_marquardt import Damping, least_squares
+from sim.inference.levenberg_marquardt import Damping, Linearized, descend
 from sim.inference.memory import begun, gaps_of, through_gaps
 from sim.inference.noise import Readings
 from sim.model.links import Links
@@ -37,8 +37,11 @@ LATE_SPREAD = 0.5  # K and decades: of how far a filter of the film or of the oh
 WORTH = 3.0  # log-likelihood that each temperature of another memory than the model's own has to bring
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-3, 1e-4  # an instrument's last digit: nothing is known better
 STEP_K, STEP_LATE = 0.01, 1e-3  # of difference quotients: rounding is 1e-11
+SETTLED = 1e-5  # log-likelihood that one more step gains: values are then within 0.005 deviations
+TINY = 1e-30  # of a diagonal: an unknown on which nothing depends
 STEPS = 4  # of a descent from the first readings, next to linear: the second brings little, the third nothing
 DAMPING = Damping(first=1e-12, more=100.0, least_after_failure=1e-4, trials=4)  # undamped as long as that gains
+Tried = tuple[Array, Array, float]  # unknowns, what they leave over the noise, and half the sum of its squares
 
 
 class Forward(Protocol):
@@ -205,11 +208,18 @@ def _least(residual: Callable[[Array], Array], slopes: Callable[[Array, Array], 
     by how much it falls with each unknown, (rows, unknowns), from u and its residual; spread: of each prior."""
     width = 1.0 / spread
 
-    def both(u: Array) -> Array:
-        return np.concatenate((residual(u), u * width))
+    def tried(u: Array) -> Tried:
+        left = np.concatenate((residual(u), u * width))
+        return u, left, 0.5 * float(left @ left)
 
-    def derivatives(u: Array, left: Array) -> Array:
-        return np.vstack((-slopes(u, left[: -u.size]), np.diag(width)))
+    def linearized(at: Tried) -> Linearized[Tried]:
+        u, left, _ = at
+        columns = np.vstack((-slopes(u, left[: -u.size]), np.diag(width)))
+        normal = columns.T @ columns
+        scale = np.maximum(np.diag(normal), TINY)
+        return Linearized(normal, -columns.T @ left, scale, lambda step: tried(u + step))
 
-    anywhere = np.full(spread.size, -math.inf), np.full(spread.size, math.inf)
-    return least_squares(both, derivatives, np.zeros(spread.size), anywhere, STEPS, DAMPING)[0]
+    def settled(before: float, after: float) -> bool:
+        return before - after < SETTLED * (1.0 + SETTLED * before)
+
+    return descend(tried(np.zeros(spread.size)), STEPS, lambda at: at[2], linearized, settled, DAMPING)[0]

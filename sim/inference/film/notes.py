@@ -9,8 +9,8 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel, reversal_jumps
 from compensator.hysteresis.functions import Array
+from sim.inference.film.fit import Prepared
 from sim.inference.film.preisach_density import slope_density
-from sim.inference.film.rows import Prepared
 from sim.model.record_own import FilmStart
 
 # at different temperatures inside the transition: at fewer, minor loops between them are extrapolated

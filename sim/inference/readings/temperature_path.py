@@ -54,14 +54,12 @@ CLOSELY: Final = (*COARSELY, np.array([-1.0, 0.0, 1.0]), np.array([-0.5, 0.0, 0.
 @dataclass(frozen=True, eq=False)
 class TemperaturePath:
     """`temperature_degC`: shape (samples,); `turning`: indices of the turning points, first and last row included;
-    `noise_K`: standard deviation of the readings' noise, 0 where it is negligible; `outliers`: indices left out;
-    `density`: q / sigma^2 between the samples, 1/s^3, (samples - 1,), None where the readings are taken as they are."""
+    `noise_K`: standard deviation of the readings' noise, 0 where it is negligible; `outliers`: indices left out."""
 
     temperature_degC: Array
     turning: NDArray[np.int64]
     noise_K: float
     outliers: NDArray[np.int64]
-    density: Array | None = None
 
 
 class _Walk:
@@ -250,16 +248,15 @@ def temperature_path(
             break
         density *= 10.0
     turning = turning_points(smooth, REVERSAL * sigma)
-    return TemperaturePath(_monotone(smooth, turning), turning, sigma, outliers, density + extra)
+    return TemperaturePath(_monotone(smooth, turning), turning, sigma, outliers)
 
 
 def _padded(path: TemperaturePath, before: int, after: int, lone: NDArray[np.int64]) -> TemperaturePath:
     """Return the path with so many more rows at its ends, in which the temperature stands."""
     count = before + path.temperature_degC.size + after
     turning = np.unique(np.concatenate(([0], path.turning[1:-1] + before, [count - 1])))
-    density = None if path.density is None else np.pad(path.density, (before, after), mode="edge")
     degC = np.pad(path.temperature_degC, (before, after), mode="edge")
-    return TemperaturePath(degC, turning, path.noise_K, np.union1d(path.outliers + before, lone), density)
+    return TemperaturePath(degC, turning, path.noise_K, np.union1d(path.outliers + before, lone))
 
 
 def _monotone(smooth: Array, turning: NDArray[np.int64]) -> Array:

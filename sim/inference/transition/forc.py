@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.hysteresis.functions import Array
 from sim.inference.readings.output_sense import output_falls
 from sim.inference.readings.temperature_path import temperature_path
-from sim.inference.transition.branches import WHOLE, Run, Sense, onward_rows, runs_of
+from sim.inference.transition.transition import WHOLE, Run, Sense, onward_rows, runs_of
 
 FEWEST_CURVES: Final = 7  # of a diagram: fewer show no more than a few sections of it
 LEAST_CURVES: Final = 3  # of a window: a bend along T_r needs three

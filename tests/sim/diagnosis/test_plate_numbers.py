@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.diagnosis.diagnose import diagnose
-from sim.inference.plate.result import constant_drive
+from sim.inference.plate.fit import constant_drive
 from tests.sim.diagnosis.plate_record import JOULE, LOSS, SEEBECK, levels, record
 
 

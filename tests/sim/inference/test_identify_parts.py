@@ -9,7 +9,7 @@ import scipy.optimize
 from sim.inference.covariance import block_sandwich
 from sim.inference.film.fit import merged
 from sim.inference.film.memoryless_forms import FORMS, Form
-from sim.inference.levenberg_marquardt import Damping, Linearized, damped_step, descend
+from sim.inference.levenberg_marquardt import Linearized, descend
 from sim.inference.nnls import reduced, solve_triangle
 from sim.model.operator_outputs import radius_floor
 
@@ -105,16 +105,3 @@ def test_a_descent_from_a_trial_without_an_end_stays_there() -> None:
         return Linearized(nothing, nothing[0], nothing[0], lambda step: at)
 
     assert descend(1.0, 100, lambda at: np.inf, linearized, lambda before, after: False) == 1.0
-
-
-def test_a_step_that_may_not_go_on_leaves_the_others_the_best_beside_it() -> None:
-    """Of 1/2 x' N x - g' x within 1 of 0: both would go 50 far without ends, and cut there would be worse off."""
-    normal, gradient = np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([10.0, 0.5])
-
-    def cost(x: np.ndarray) -> float:
-        return float(0.5 * x @ normal @ x - gradient @ x)
-
-    ends = -np.ones(2), np.ones(2)
-    about = Linearized(normal, gradient, np.ones(2), lambda step: step, ends=ends)
-    found, _ = damped_step(np.zeros(2), cost, about, 1e-12, Damping())
-    assert found == pytest.approx([1.0, -0.4], abs=1e-9)
