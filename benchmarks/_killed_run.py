@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks._harness import ROOT
 from rig.bench.assembly import emulated_instruments
 from rig.config.configuration import read_configuration
 from rig.ports.open import holder
 from rig.ports.pseudo_terminal import PseudoTerminals
 
-ROOT = Path(__file__).resolve().parent.parent
 OFF = {"meerstetter": b"VS07DA0100000000", "te_technology": b"2d00000000", "srs_ldc500": b"TEON 0"}
 CURRENT = 'kind = "current_profile"\ntarget = ["start 0.9 A", "hold 600 s"]\n'
 HOLD = 'kind = "hold"\nlaw = "instrument_pid"\ntarget = ["start 45 degC", "hold 600 s"]\n'

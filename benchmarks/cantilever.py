@@ -20,13 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from benchmarks._harness import options
+from benchmarks._harness import ROOT, options
 from benchmarks.paper import TABLE_1_DEGC, cantilever, damped_oscillation
 from rig.config.model_file import read_model
 
-ROOT = Path(__file__).resolve().parents[1]
 EXACT, OFF = "cantilever.toml", "cantilever_film.toml"
 PAPER = (
     ("paper: model off its cantilever, extended", 26.4, 89.6),

@@ -19,8 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
 from benchmarks._bench import NOMINAL, PERIOD_S, calibrated, driven, middle_of, placed
 from benchmarks._harness import options, side_by_side
 from rig.config.configuration import read_configuration

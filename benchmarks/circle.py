@@ -24,8 +24,6 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
 from benchmarks._bench import CONFIGURATION, NOMINAL, WRONG, WRONG_LAG, command, course, error, write_target
 from benchmarks._harness import options, side_by_side
 from tests.truth import FILMS, Effects, Plant

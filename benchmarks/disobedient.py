@@ -23,8 +23,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from benchmarks._harness import kept, options
 from benchmarks._killed_run import KilledRuns
 from rig.config.configuration import read_configuration

@@ -26,10 +26,7 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from benchmarks._film_truths import KINDS, case_of  # noqa: E402
+from benchmarks._film_truths import KINDS, case_of
 
 RECORD_ASKED = 1.1  # times the least noise
 FOLLOWED = ("play", "preisach", "moment", "other", "steep")  # kinds that a model can follow

@@ -17,8 +17,6 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from benchmarks._harness import kept, options
 from benchmarks._killed_run import OFF, Killed, KilledRuns
 

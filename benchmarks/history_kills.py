@@ -23,8 +23,6 @@ import threading
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from rig.history.store import Retention, Store, connect_to_read, what_is_wrong
 from rig.history.writer import Writer
 

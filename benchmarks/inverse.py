@@ -9,11 +9,8 @@ evaluations at most, and models of the whole family. The paper's fixed point bes
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks._harness import kept, options
 from compensator.inverse.inverse import Inverse

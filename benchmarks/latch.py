@@ -27,8 +27,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from benchmarks._harness import ROOT, kept, options
 from benchmarks._small_disk import SmallDisk, small_disk, with_own_mounts
 from rig.daemon.client import Client, NoDaemon

@@ -28,8 +28,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from benchmarks._harness import kept, options
 from benchmarks.stop import BENCH, LONGEST_S, Watched, process, served, until
 from rig.daemon.client import Client, Refusal

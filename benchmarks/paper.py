@@ -15,18 +15,16 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
 from compensator.hysteresis.functions import envelope_inverse, envelope_values, memoryless_value
 from compensator.inverse.inverse import Inverse
 from sim.inference.film.compression import compress
 from sim.inference.film.fit import identify_film
+from tests.compensator import film_models
 
 Array = np.ndarray
 DECAY = 0.4  # weights fall as exp(-r / DECAY)
@@ -51,24 +49,15 @@ def scaled(film: FilmModel, span: float, limits_degC: tuple[float, float]) -> Fi
 
 
 def table_1(extended: bool) -> FilmModel:
-    """Curvature (1/m) of a microcantilever: N = 15, r = i/N from 0."""
-    radii = np.arange(15) / 15.0
-    if extended:
-        parts: tuple[Any, ...] = tanh(0.14, -7.19), tanh(0.18, -9.61), Memoryless("sin", 40.1, 0.17, offset=923.91)
-    else:
-        parts = tanh(0.13, -6.94), tanh(0.11, -5.19), Memoryless(offset=914.20), "generalized_pi"
-    film = FilmModel(radii, np.exp(-radii / DECAY), *parts, output="curvature_per_m")
-    return scaled(film, SPAN_PER_M, TABLE_1_DEGC)
+    """Curvature (1/m) of a microcantilever, with weights that fall as exp(-r / DECAY)."""
+    film = film_models.table_1(not extended)
+    return scaled(replace(film, weights=np.exp(-film.radii / DECAY)), SPAN_PER_M, TABLE_1_DEGC)
 
 
-def table_2(extended: bool, from_zero: bool = False) -> FilmModel:
-    """-log10 R of a film: N = 30, r = i/N from 1/N (`from_zero`: from 0, so that p(r_0) exists)."""
-    radii = (np.arange(30) + (0.0 if from_zero else 1.0)) / 30.0
-    if extended:
-        parts: tuple[Any, ...] = tanh(0.20, -11.6), tanh(0.16, -10.3), Memoryless("tanh", 0.4, 0.03, -1.6, -3.26)
-    else:
-        parts = tanh(0.16, -9.5), tanh(0.14, -8.5), Memoryless(offset=-3.23), "generalized_pi"
-    return scaled(FilmModel(radii, np.exp(-radii / DECAY), *parts), SPAN_DEC, TABLE_2_DEGC)
+def table_2(extended: bool) -> FilmModel:
+    """-log10 R of a film, with such weights."""
+    film = film_models.table_2(not extended)
+    return scaled(replace(film, weights=np.exp(-film.radii / DECAY)), SPAN_DEC, TABLE_2_DEGC)
 
 
 def table_3(d: Memoryless, p0: float = 6.0, others: float = 1.0) -> FilmModel:

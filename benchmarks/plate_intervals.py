@@ -1,6 +1,6 @@
 """Do the intervals of an identified plate hold the truth? Plates with and without slopes, rounding, a draught.
 
-    ./peltier benchmark plate_intervals [--plates 40]
+    ./peltier benchmark plate_intervals [--plates 40] [--workers N]
 
 Each plate has parameters of its own, and a profile of random levels with sines of 25 minutes at 0.5 s; it is integrated
 here row by row, apart from the chain that the fit simulates. Counted are the parameters inside their 95 %
@@ -9,16 +9,12 @@ intervals. Asked: 95 % within the binomial interval.
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 
 import numpy as np
 from scipy.special import betaincinv
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from benchmarks._harness import options, side_by_side
 
 KINDS = ("no slopes", "white", "rounded", "wandering")
 STEP_S = 0.5
@@ -66,8 +62,8 @@ def record(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, di
     return clock, shown, current, dict(zip(names, (s, r, g, room, of_s, of_r), strict=True))
 
 
-def one(job: tuple[str, int]) -> tuple[list[bool], list[float], float]:
-    """Of one record: which parameters are inside, how far each is off in its standard errors, and the time taken."""
+def one(job: tuple[str, int]) -> tuple[list[float], float]:
+    """Of one record: how far each parameter is off in its standard errors, and the time taken."""
     from sim.inference.plate.fit import identify_plate
 
     clock, shown, current, truth = record(*job)
@@ -79,25 +75,21 @@ def one(job: tuple[str, int]) -> tuple[list[bool], list[float], float]:
         for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
         if name in truth
     ]
-    return [abs(z) < 1.96 for z in off], off, took
+    return off, took
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--plates", type=int, default=40)
-    plates = parser.parse_args().plates
+    asked = options(__doc__, plates=40)
     print(f"{'kind':<12}{'inside':>14}{'binomial 95 %':>18}{'rms of error/deviation':>26}{'s a plate':>12}")
-    with ProcessPoolExecutor() as pool:
-        for kind in KINDS:
-            done = list(pool.map(one, [(kind, seed) for seed in range(plates)]))
-            inside = [value for ones, _, _ in done for value in ones]
-            n, k = len(inside), int(np.sum(inside))
-            low, high = betaincinv(k, n - k + 1, 0.025), betaincinv(k + 1, max(n - k, 1e-9), 0.975)
-            off = np.array([z for _, ones, _ in done for z in ones])
-            took = float(np.median([t for _, _, t in done]))
-            spread = f"{100 * low:.1f} to {100 * high:.1f}"
-            rms = np.sqrt(np.mean(off**2))
-            print(f"{kind:<12}{f'{k} of {n}':>14}{spread:>18}{rms:>26.2f}{took:>12.2f}", flush=True)
+    for kind in KINDS:
+        done = list(side_by_side(one, [(kind, seed) for seed in range(asked.plates)], asked.workers))
+        off = np.array([z for each, _ in done for z in each])
+        n, k = off.size, int(np.sum(np.abs(off) < 1.96))
+        low, high = betaincinv(k, n - k + 1, 0.025), betaincinv(k + 1, max(n - k, 1e-9), 0.975)
+        took = float(np.median([t for _, t in done]))
+        spread = f"{100 * low:.1f} to {100 * high:.1f}"
+        rms = np.sqrt(np.mean(off**2))
+        print(f"{kind:<12}{f'{k} of {n}':>14}{spread:>18}{rms:>26.2f}{took:>12.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -21,10 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
-from benchmarks._harness import options  # noqa: E402
+from benchmarks._harness import ROOT, options
 
 BUSY = "while True: sum(k * k for k in range(100000))"
 LONGEST_S = 900.0

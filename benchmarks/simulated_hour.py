@@ -13,9 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from benchmarks._harness import ROOT
 from rig.__main__ import main as peltier
-
-ROOT = Path(__file__).resolve().parent.parent
 
 
 def main() -> int:

@@ -28,8 +28,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from benchmarks._harness import ROOT, kept, options
 from rig.bench.assembly import emulated_instruments
 from rig.config.configuration import read_configuration

@@ -11,11 +11,8 @@ judged over the range that the program states. Asked: 92 to 98 % of each number 
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks._film_truths import Case, case_of
 from benchmarks._harness import options, side_by_side

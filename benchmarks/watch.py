@@ -33,8 +33,6 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
 from benchmarks._bench import SIMULATED_BENCH, Ended, command
 from benchmarks._harness import options, side_by_side
 from tests.truth import NOISE_K, Film, Plant, Plate

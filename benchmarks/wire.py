@@ -29,8 +29,6 @@ from itertools import count, product
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from rig.core.clock import VirtualClock
 from rig.drivers.scpi_meters import ScpiMeter
 from rig.ports import protocol_sim

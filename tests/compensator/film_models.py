@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,10 @@ THIRTY_OPERATORS = FilmModel(  # 1.5 of hysteresis about 57 degC, beside a curve
     Envelope("tanh", 0.2, -11.2),
     Memoryless("tanh", 0.4, 0.03, -1.6, -3.26),
 )
+
+
+def tanh(a: float, b: float) -> Envelope:
+    return Envelope("tanh", a, b)
 
 
 def tanh_envelope(rng: Rng) -> Envelope:
@@ -125,49 +130,19 @@ def damped_path(rng: Rng, samples: int, low: float = 10.0, high: float = 95.0) -
 
 def table_1(generalized: bool, weights: np.ndarray | None = None) -> FilmModel:
     """Paper, table 1 (curvature, 1/m): envelopes and D as printed; the weights are not in the text, all equal here."""
-    count = 15
-    if weights is None:
-        weights = np.full(count, 60.0)
-    radii = np.arange(count) / count
+    curves: tuple[Any, ...] = (tanh(0.14, -7.19), tanh(0.18, -9.61), Memoryless("sin", 40.1, 0.17, 0.0, 923.91))
     if generalized:
-        return FilmModel(
-            radii,
-            weights,
-            Envelope("tanh", 0.13, -6.94),
-            Envelope("tanh", 0.11, -5.19),
-            Memoryless("none", offset=914.20),
-            "generalized_pi",
-            "curvature_per_m",
-        )
-    return FilmModel(
-        radii,
-        weights,
-        Envelope("tanh", 0.14, -7.19),
-        Envelope("tanh", 0.18, -9.61),
-        Memoryless("sin", 40.1, 0.17, 0.0, 923.91),
-        output="curvature_per_m",
-    )
+        curves = (tanh(0.13, -6.94), tanh(0.11, -5.19), Memoryless("none", offset=914.20), "generalized_pi")
+    weights = np.full(15, 60.0) if weights is None else weights
+    return FilmModel(np.arange(15) / 15, weights, *curves, output="curvature_per_m")
 
 
 def table_2(generalized: bool) -> FilmModel:
     """Paper, table 2 (log resistance): r = i/30, i = 1 .. 30; the weights are not in the text, all equal here."""
-    radii, weights = np.arange(1, 31) / 30.0, np.full(30, 0.05)
+    curves: tuple[Any, ...] = (tanh(0.20, -11.6), tanh(0.16, -10.3), Memoryless("tanh", 0.4, 0.03, -1.6, -3.26))
     if generalized:
-        return FilmModel(
-            radii,
-            weights,
-            Envelope("tanh", 0.16, -9.5),
-            Envelope("tanh", 0.14, -8.5),
-            Memoryless("none", offset=-3.23),
-            "generalized_pi",
-        )
-    return FilmModel(
-        radii,
-        weights,
-        Envelope("tanh", 0.20, -11.6),
-        Envelope("tanh", 0.16, -10.3),
-        Memoryless("tanh", 0.4, 0.03, -1.6, -3.26),
-    )
+        curves = (tanh(0.16, -9.5), tanh(0.14, -8.5), Memoryless("none", offset=-3.23), "generalized_pi")
+    return FilmModel(np.arange(1, 31) / 30.0, np.full(30, 0.05), *curves)
 
 
 def plain_outputs(model: FilmModel, inputs: np.ndarray, memory: Memory) -> np.ndarray:
