@@ -124,7 +124,7 @@ class _Cache:
         _Cache.count += 1
         if _Cache.count > FEW and not _Cache.told:
             _Cache.told = True
-            _report("compiling numerical code, once (about a minute; `peltier precompile` does it beforehand)")
+            _report("compiling numerical code at its first use (`peltier precompile` does it beforehand)")
         return None
 
     def save_overload(self, signature: Any, result: Any) -> None:

@@ -41,13 +41,14 @@ def main(folder: Path) -> None:
         course.minorticks_off()
         course.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         course.set_title("a wanted resistance, and the film's", loc="left")
+        laws = {"pid": "pid: feedback alone", "feedforward": "feedforward: model alone", "full": "full: both"}
         for name, where in (("pid", "pid"), ("feedforward", "feedforward"), ("full", "")):
             track = tracked(folder / where)
             shown = 1e2 * (track["resistance_ohm"] / track["target_ohm"] - 1.0)
-            error.plot(track["time_s"], shown, color=COLOURS[name], label=name, lw=1.6 if name == "full" else 1.1)
+            error.plot(track["time_s"], shown, color=COLOURS[name], label=laws[name], lw=1.6 if name == "full" else 1.1)
         error.set_ylabel("error / %")
         error.set_xlabel("time / s")
-        error.legend(loc="upper right", ncols=3)
+        error.legend(loc="upper right", ncols=3, fontsize=9)
         loop.semilogy(full["temperature_degC"], full["resistance_ohm"] / 1e3, color=COLOURS["full"], lw=1.4)
         loop.set_yticks([3, 10, 30], ["3", "10", "30"])
         loop.minorticks_off()

@@ -8,8 +8,8 @@ Each finding says what, where, and what to do about it. Behind the kinds:
     not_monotone        along a branch the output's slope D' + sum of the moving p_j gamma' can be negative: certain
                         where D' < 0, as right after a reversal operators stand still; on the major loop it is
                         where all move.
-    stands_still        after a reversal from the major loop every operator stands still over this interval: only D
-                        moves the output there.
+    stands_still        after a reversal from the major loop every operator stands still over this interval: only D,
+                        if the film has one, moves the output there.
 
 None of these limits `compensator.inverse.inverse`, except that outputs inside a jump cannot be reached.
 """
@@ -85,7 +85,8 @@ def _not_monotone(model: FilmModel, inverse: Inverse, v: Array) -> list[Finding]
     what = (
         f"D(T) falls by up to {-slope.min():.2g} per K: after a reversal the output moves against the temperature{loop}"
     )
-    advice = "a target can have several temperatures, or none: narrow the limits"
+    advice = "the film model is poor there, as after a fit to a film or a thermometer that lags: a target there can "
+    advice += "have several temperatures, or none; calibrate with slower ramps, or keep targets out of there"
     return [Finding("not_monotone", what, where, (), advice)]
 
 
@@ -105,6 +106,7 @@ def _stands_still(model: FilmModel, low: float, high: float) -> list[Finding]:
     width = longest[1] - longest[0]
     if width <= 1e-9 * (high - low):
         return []
-    what = f"turned down at {longest[1]:.1f} degC, all operators stand still for {width:.2g} K: only D moves the output"
+    moved = "does not change" if model.memoryless.function == "none" else "changes by D(T) only, without hysteresis,"
+    what = f"after a turn from heating to cooling at {longest[1]:.1f} degC the model's output {moved} for {width:.2g} K"
     advice = "expect no response to small reversals there"
     return [Finding("stands_still", what, longest, (), advice)]

@@ -39,6 +39,7 @@ from sim.model.inputs import NAMES as INPUTS
 FEWEST = 40  # rows
 LEAST_K, LEAST_DEC = 0.5, 0.05
 TIMES = 8.0  # of the noise
+MOST_OFFERED = 6  # columns, in a message
 
 
 def usable_columns(record: Record, output: str = FALLING_RESISTANCE) -> tuple[dict[str, Array], list[str]]:
@@ -49,9 +50,14 @@ def usable_columns(record: Record, output: str = FALLING_RESISTANCE) -> tuple[di
     unjudged = {name: "film and its meter", "current_A": "plate, driver and thermometer"}
     notes = [f"{column}: {why}: {unjudged[column]} were not judged" for column, why in lost.items()]
     if name not in columns and "current_A" not in columns:
-        text = f"neither a current_A that drives the plate nor a {name} that switches"
         lines = [f"{record.source}: {note}" for note in notes]
-        raise Faults([*lines, f"{record.source}: {text}; expected one at least"])
+        text = f"the temperature alone says nothing of plate or film; expected also current_A or {name} (or both)"
+        known = ("time_s", "temperature_degC", name, "current_A", *INPUTS)
+        if others := [column for column in (*record.columns, *record.text_columns) if column not in known]:
+            text += f". Not used: {', '.join(others[:MOST_OFFERED])}. If one is a current, or a share of full drive, "
+            text += f"--column current_A={others[0]}@A, or @duty, @percent, @pwm255; a voltage has first to be "
+            text += "converted to a share of full power, (u/u_max)^2"
+        raise Faults([*lines, f"{record.source}: {text}"])
     return columns, notes
 
 

@@ -49,7 +49,18 @@ def value_and_half(value: float, half: float) -> tuple[str, str]:
     return f"{value:.{digits}f}", f"{half:.{digits}f}"
 
 
-COUNTED = "over the whole target, its first row to its last"
+# RMS errors up to which a number is called good, and usable; by unit and what it is an error of.
+OF_MODEL, OF_TARGET = "model", "target"
+LIMITS = {
+    ("dec", OF_MODEL): (
+        0.01,
+        0.02,
+    ),  # 2 and 5 % of the resistance: what calibrations of films that suit the model leave
+    ("K", OF_MODEL): (0.05, 0.5),  # a tenth of what is called behind, and that: beyond it feedback alone has to find R
+    ("dec", OF_TARGET): (0.02, 0.05),  # 5 and 12 %: beyond it the eye sees the difference in a transition of decades
+    ("K", OF_TARGET): (0.05, 0.5),
+}
+COUNTED = "over the whole target"
 TRACK, PROFILE = "track", "profile"  # the phases that follow a target
 
 
@@ -115,10 +126,11 @@ class Score:
         }
 
     def in_words(self) -> str:
-        return (
-            f"RMS error {shown_error(self.rms, self.unit, 4)}, largest {shown_error(self.max, self.unit, 3)}, "
-            f"at {self.max_at_s:.1f} s ({COUNTED})"
-        )
+        """Return the score for a line on the terminal."""
+        share = percent(self.rms) if self.unit == "dec" else ""
+        found = f"RMS error {shown_error(self.rms, self.unit, 4)}"
+        found += in_brackets(share, judgement(self.rms, self.unit, OF_TARGET))
+        return f"{found}, largest {shown_error(self.max, self.unit, 3)} at {self.max_at_s:.1f} s"
 
 
 def shown_error(error: float, unit: str, digits: int) -> str:
@@ -126,6 +138,81 @@ def shown_error(error: float, unit: str, digits: int) -> str:
     if unit == "K":
         return f"{error * 1e3:.0f} mK" if error < 1.0 else f"{error:.2f} K"
     return f"{error:.{digits}f} dec" if unit == "dec" else f"{error:.3g} {unit}"
+
+
+def percent(error_dec: float) -> str:
+    """Return an error in decades as a share of the resistance: 0.01 decades are 2.3 %."""
+    return f"{100.0 * (10.0**error_dec - 1.0):.2g} %" if error_dec < 0.3 else f"a factor of {10.0**error_dec:.2g}"
+
+
+def judgement(error: float, unit: str, of: str) -> str:
+    """Return whether an RMS error is good, usable or bad, with the limit; "" for a unit without limits. of: `OF_MODEL`
+    or `OF_TARGET`."""
+    if not math.isfinite(error) or (unit, of) not in LIMITS:
+        return ""
+    good, usable = LIMITS[unit, of]
+    if error <= usable:
+        return f"good: at most {good:g} {unit}" if error <= good else f"usable: {good:g} to {usable:g} {unit}"
+    return f"bad: more than {usable:g} {unit}"
+
+
+def in_brackets(*texts: str) -> str:
+    """Return the texts that are not empty in brackets, with a space before them; "" if all are empty."""
+    told = [text for text in texts if text]
+    return f" ({'; '.join(told)})" if told else ""
+
+
+# What each parameter of a plate or an effect is, and its unit. A name that is not here is shown as it is written.
+PARAMETERS = {
+    "seebeck_over_capacity_per_A_s": ("Seebeck coefficient / heat capacity, S/C", "1/(A s)"),
+    "resistance_over_capacity_K_per_A2_s": (
+        "electrical resistance of the Peltier element / heat capacity, R_e/C",
+        "K/(A\N{SUPERSCRIPT TWO} s)",
+    ),
+    "conductance_over_capacity_per_s": ("thermal conductance / heat capacity, G/C", "1/s"),
+    "seebeck_slope_per_K": ("relative slope of S with temperature", "1/K"),
+    "resistance_slope_per_K": ("relative slope of R_e with temperature", "1/K"),
+    "drive_over_capacity_K_per_s": ("heating rate at full drive", "K/s"),
+    "ambient_degC": ("room temperature", "\N{DEGREE SIGN}C"),
+    "inputs.input_2": ("heat of the second heater / of the first", ""),
+    "deadband_A": ("dead band", "A"),
+    "delay_s": ("delay", "s"),
+    "leakage_ohm": ("leakage resistance", "ohm"),
+    "loss_per_K3_s": ("radiated power / (heat capacity T\N{SUPERSCRIPT FOUR})", "1/(K\N{SUPERSCRIPT THREE} s)"),
+    "series_ohm": ("series resistance", "ohm"),
+    "sink_capacity_ratio": ("heat capacity of sink / of plate", ""),
+    "sink_conductance_ratio_per_s": ("conductance sink to room / heat capacity of plate", "1/s"),
+    "step_K": ("step", "K"),
+    "tau_s": ("time constant", "s"),
+    "theta_K_per_W": ("thermal resistance film to plate", "K/W"),
+    "threshold_ohm": ("changes range at", "ohm"),
+}
+UNITS = {  # endings of other parameters' names
+    "_K_per_h": "K/h",
+    "_K_per_W": "K/W",
+    "_per_K3_s": "1/(K\N{SUPERSCRIPT THREE} s)",
+    "_per_A_s": "1/(A s)",
+    "_K_per_A2_s": "K/(A\N{SUPERSCRIPT TWO} s)",
+    "_K_per_s": "K/s",
+    "_per_K": "1/K",
+    "_per_s": "1/s",
+    "_degC": "\N{DEGREE SIGN}C",
+    "_ohm": "ohm",
+    "_dec": "decades",
+    "_K": "K",
+    "_A": "A",
+    "_s": "s",
+}
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Return (what, unit) of a parameter's name: ("time constant", "s") of tau_s, ("share", "") of share."""
+    if name in PARAMETERS:
+        return PARAMETERS[name]
+    for ending, unit in UNITS.items():
+        if name.endswith(ending):
+            return name.removesuffix(ending).replace("_", " "), unit
+    return name.replace("_", " "), ""
 
 
 def rms(error: Array) -> float:

@@ -48,8 +48,8 @@ def beyond_seen(model: Model, temperature_degC: Array, where: object) -> str | N
     furthest = temperature_degC[np.nanargmax(np.maximum(low - temperature_degC, temperature_degC - high))]
     rows = "1 temperature lies" if beyond == 1 else f"{beyond} temperatures lie"
     return (
-        f"{where}: film_seen_degC: {rows} beyond {low:.1f} to {high:.1f} degC, where the film was measured, up to "
-        f"{furthest:.1f} degC: the model extrapolates there"
+        f"{where}: film_seen_degC: {rows} beyond {low:.1f} to {high:.1f} degC, where the film was measured; the "
+        f"furthest is {furthest:.1f} degC: the model extrapolates there"
     )
 
 

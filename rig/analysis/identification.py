@@ -14,9 +14,9 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.inverse.check import Finding, check_model
-from rig.analysis.error import value_and_half
+from rig.analysis.error import OF_MODEL, in_brackets, judgement, percent, split_unit, value_and_half
 from rig.analysis.film_records import fitted_to, rising, seen_degC
-from rig.analysis.transition import FilmNumbers, doubted, numbers_of_record
+from rig.analysis.transition import WORDS, FilmNumbers, doubted, numbers_of_record
 from rig.config.model_file import Model
 from rig.core.faults import Faults, fault
 from rig.records.film_output import FALLING_RESISTANCE, column_of, unit_of
@@ -124,10 +124,11 @@ class Identified:
 
     def _film_lines(self, fit: FilmFit) -> Iterator[str]:
         unit = unit_of(self.output)
+        share = percent(fit.held_out_rmse) if unit == "dec" else ""
         yield (
-            f"{fit.model.kind}, {fit.active_operators} operators with weight, D(T) {fit.model.memoryless.function}: "
-            f"RMSE {fit.rmse:.3g} {unit}, largest error {fit.max_abs:.3g} {unit}, held-out RMSE "
-            f"{fit.held_out_rmse:.3g} {unit}"
+            f"RMS error {fit.held_out_rmse:.3g} {unit} on held-out rows"
+            f"{in_brackets(share, judgement(fit.held_out_rmse, unit, OF_MODEL))}, {fit.rmse:.3g} {unit} on fitted rows"
+            f", largest {fit.max_abs:.3g} {unit}; {fit.model.kind.replace('_', ' ')} model"
         )
         yield from fit.identifiability
         yield from finding_notes(self.findings)
@@ -163,18 +164,48 @@ class Identified:
         return result
 
     def _plate_lines(self, fit: PlateFit) -> list[str]:
-        per = "full drive" if self.drive else "A"
+        per = "; A stands for full drive" if self.drive else ""
         inputs = sorted({n for record in self.plate_records for n in logged_inputs(record.columns, [0]).names})
         more = f"{', '.join(inputs)}: recorded, but not used by this fit; `peltier diagnose` uses it"
         return [
-            f"plate: RMSE {fit.rmse_K * 1e3:.1f} mK, noise {fit.noise_K * 1e3:.1f} mK; parameters per {per}:",
+            f"plate: RMS error {fit.rmse_K * 1e3:.1f} mK{in_brackets(judgement(fit.rmse_K, 'K', OF_MODEL))}, noise "
+            f"{fit.noise_K * 1e3:.1f} mK; parameters{'' if self._off(fit) else ' with 95 % intervals'}{per}:",
             *(
-                f"  {name} = {' +- '.join(value_and_half(value, NORMAL_95 * error))} (95 %)"
+                self._plate_line(fit, name, value, error)
                 for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
             ),
             *(f"plate: {note}" for note in self._plate_notes(fit)),
             *([f"plate: {more}"] if inputs else []),
         ]
+
+    @staticmethod
+    def _off(fit: PlateFit) -> bool:
+        """Return True if the model does not describe the record, so that its intervals are too narrow to be shown."""
+        return fit.far_off or fit.rmse_K > MISFIT * fit.noise_K
+
+    def _plate_line(self, fit: PlateFit, name: str, value: float, error: float) -> str:
+        what, unit = split_unit(name)
+        shown, half = value_and_half(value, NORMAL_95 * error)
+        return f"  {what}: {shown if self._off(fit) else f'{shown} +- {half}'} {unit}".rstrip()
+
+    def doubts(self) -> list[str]:
+        """Return all that a page of the film has to warn of: a bad model, numbers that are not determined, notes."""
+        if self.film is None:
+            return []
+        fit, unit = self.film, unit_of(self.output)
+        bad = judgement(fit.held_out_rmse, unit, OF_MODEL)
+        lines = [f"The film model is bad: RMS error {fit.held_out_rmse:.3g} {unit} on held-out rows ({bad})."]
+        lines = lines if bad.startswith("bad") else []
+        for one in self.numbers:
+            missing: dict[str, list[str]] = {}
+            for name, quantity in one.transition.quantities.items():
+                if quantity.value is None and name in WORDS:
+                    missing.setdefault(quantity.reason or "", []).append(WORDS[name][0])
+            if one.doubt:
+                missing = {one.doubt: ["none of the transition's numbers can be given"]}
+            of = f"{Path(one.source).name}: " if len(self.numbers) > 1 else ""
+            lines += [f"{of}not determined: {', '.join(names)}: {why}" for why, names in missing.items()]
+        return [*lines, *fit.identifiability, *finding_notes(self.findings)]
 
     def _plate_notes(self, fit: PlateFit) -> list[str]:
         return plate_notes(fit, self.film.identifiability if self.film is not None else ())
@@ -287,8 +318,8 @@ def plate_notes(fit: PlateFit, known: Iterable[str] = ()) -> list[str]:
         times = fit.rmse_K / max(fit.noise_K, 1e-9)  # no thermometer resolves a nanokelvin
         notes.insert(
             0,
-            f"The model leaves {times:.0f} times the thermometer's noise: something is missing, "
-            "such as a heat sink that warms up or a thermometer that lags, and the intervals above are too narrow.",
+            f"The model is off by {times:.0f} times the thermometer's noise, so no intervals are given: something is "
+            "missing, such as a heat sink that warms up or a thermometer that lags.",
         )
     return notes
 

@@ -16,7 +16,7 @@ import numpy as np
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
-from rig.analysis.error import RESIDUAL, largest, residual, rms
+from rig.analysis.error import OF_MODEL, RESIDUAL, in_brackets, judgement, largest, residual, rms
 from rig.analysis.film_records import beyond_seen
 from rig.analysis.inversion import order_warning
 from rig.config.model_file import Drive, Model
@@ -213,7 +213,9 @@ class ChannelError:
         return residual(self.measured, self.predicted, self.name)
 
     def in_words(self) -> str:
-        sizes = f"RMSE {self.rmse:.4f} {self.unit}, largest {self.max_abs:.4f} {self.unit}"
+        """Return a line for people."""
+        judged = in_brackets(judgement(self.rmse, self.unit, OF_MODEL))
+        sizes = f"RMS error {self.rmse:.4f} {self.unit}{judged}, largest {self.max_abs:.4f} {self.unit}"
         return f"{self.what}: {sizes}, mean of {RESIDUAL} {self.mean_residual:+.4f} {self.unit}, {self.rows} rows"
 
     def document(self) -> dict[str, Any]:

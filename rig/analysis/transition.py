@@ -45,7 +45,8 @@ class FilmNumbers:
     """The transition and the reversal curves of one record.
 
     output: its name; lag_s: the thermometer's lag behind the plate that was taken out of the temperatures, None if it
-    is not known; timed: True if the record has times, else no rates are reported.
+    is not known; timed: True if the record has times, else no rates are reported; doubt: why none of the numbers is
+    determined, "" if they are.
     """
 
     source: str
@@ -54,6 +55,7 @@ class FilmNumbers:
     forc: Forc
     lag_s: float | None = None
     timed: bool = True
+    doubt: str = ""
 
     @property
     def unit(self) -> str:
@@ -71,9 +73,10 @@ class FilmNumbers:
         """Return the lines for the terminal. They mention reversal curves only if there is a diagram: a record that was
         not made for one has too few, and the page and the JSON say so."""
         of_curves = [] if self.forc.reason else [self.forc_note()]
+        if self.doubt:
+            return [f"transition: not determined, because {self.doubt}", *of_curves]
         numbers = [f"  {what:<36}{value}" for what, value in self.rows()]
-        notes = [f"  {note}" for note in [*self.notes(), *of_curves]]
-        return ["transition, with 95 % intervals:", *numbers, *notes]
+        return ["transition, with 95 % intervals:", *numbers, *(f"  {note}" for note in [*self.of_ramps(), *of_curves])]
 
     def definition(self) -> str:
         """Return how the numbers are defined, with the windows that they were fitted over; "" if there are none."""
@@ -88,27 +91,32 @@ class FilmNumbers:
         return f"{text}; midpoint: where {what} is halfway between its values at {low:.1f} and {high:.1f} degC"
 
     def notes(self) -> list[str]:
-        """Return the lines on how the numbers were obtained: definition, fitted range, ramps."""
+        """Return the lines on how the numbers were obtained: definition, fitted range, ramps; or why there are none."""
+        if self.doubt:
+            return [f"Not determined, because {self.doubt}"]
         found = self.transition
         notes = [self.definition()] if found.shapes else []
         if (between := self._activation_range()) is not None:
             notes.append(f"activation energy: of ln R over 1/(kT) between {between[0]:.1f} and {between[1]:.1f} degC")
-        if self.timed and (rates := found.rates_K_per_s()):
-            ramps = " and ".join(f"{rate:.2g} K/s on {sense}" for sense, rate in rates.items())
-            text = f"ramps: {ramps}; at these rates each second of the thermometer's lag narrows the loop by "
-            text += f"{found.shift_K(1.0):.2g} K, and each second of the film's lag widens it by as much; "
-            text += "the intervals do not include this"
-            if self.lag_s is not None and self.lag_s > 0.0:
-                shift_K = found.shift_K(self.lag_s)
-                text += f"; its lag behind the plate of {self.lag_s:.2g} s ({shift_K:.2g} K) is taken out"
-            notes.append(text)
-        return notes
+        return notes + self.of_ramps()
+
+    def of_ramps(self) -> list[str]:
+        """Return the line on what a lag does to the hysteresis at these ramps; none without rates."""
+        found = self.transition
+        if not (self.timed and (rates := found.rates_K_per_s())):
+            return []
+        ramps = " and ".join(f"{rate:.2g} K/s on {sense}" for sense, rate in rates.items())
+        text = f"not in the intervals: at these ramps ({ramps}) a lag of 1 s is an error of {found.shift_K(1.0):.2g} K "
+        text += "in the hysteresis; a thermometer's makes it smaller, a film's larger"
+        if self.lag_s is not None and self.lag_s > 0.0:
+            text += f"; the thermometer's of {self.lag_s:.2g} s ({found.shift_K(self.lag_s):.2g} K) is corrected"
+        return [text]
 
     def forc_note(self) -> str:
         """Return a line on the diagram of the reversal curves, or on why there is none."""
         curves = self.forc
         if curves.reason:
-            return f"FORC diagram: not drawn: {curves.reason}"
+            return f"Diagram of the first-order reversal curves (FORC): not drawn: {curves.reason}"
         peak = curves.peak()
         text = f"FORC diagram: of {curves.reversal_degC.size} curves of {curves.sense}"
         if peak is None:
@@ -140,7 +148,7 @@ class FilmNumbers:
         """Return what a page shows: rows of the table, notes, and the derivative of each branch."""
         found = self.transition
         return {
-            "rows": [list(row) for row in self.rows()],
+            "rows": [] if self.doubt else [list(row) for row in self.rows()],
             "notes": self.notes(),
             "derivative": {
                 sense: {
@@ -149,7 +157,7 @@ class FilmNumbers:
                     "half_width": half[::EVERY].tolist(),
                     "steepest_degC": found.quantities[f"{sense}_degC"].value,
                 }
-                for sense, (degC, slope, half) in found.derivatives().items()
+                for sense, (degC, slope, half) in ({} if self.doubt else found.derivatives()).items()
             },
             "ylabel": "d log10 R / dT / (1/K)" if found.in_decades else f"d output / dT / ({self.unit}/K)",
             "forc": self.forc_note(),
@@ -161,8 +169,8 @@ class FilmNumbers:
         shift_K = self.transition.shift_K(lag_s)
         if not (lag_s > 0.0 and shift_K > 0.0 and self.timed):
             return None
-        text = f"the current says that the thermometer lags behind the plate by {lag_s:.2g} s: at these ramps the loop "
-        text += f"looks {shift_K:.2g} K narrower than it is; this is not taken out"
+        text = f"the thermometer lags behind the plate by {lag_s:.2g} s, as the current shows: at these ramps the loop "
+        text += f"looks {shift_K:.2g} K narrower than it is; the numbers are not corrected for this"
         return f"{self.source}: {text}", _lag_document(lag_s, shift_K, taken_out=False)
 
     def _activation_range(self) -> list[float] | None:
@@ -232,7 +240,7 @@ def doubted(numbers: FilmNumbers, modelled: Array, measured: Array) -> FilmNumbe
         name: quantity if quantity.value is None else untold(f"{why} (apparent value {named[WORDS[name][0]]})")
         for name, quantity in found.quantities.items()
     }
-    return replace(numbers, transition=replace(found, quantities=quantities))
+    return replace(numbers, transition=replace(found, quantities=quantities), doubt=why)
 
 
 def times_the_noise(residual: Array, span: float) -> float:

@@ -103,10 +103,10 @@ def check_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check(options: argparse.Namespace) -> int:
-    """peltier check CONFIG: compare the instruments with the configuration, and measure the time that STOP takes.
+    """peltier check CONFIG: compare the instruments with the configuration, and measure how soon the output can be off.
 
-    The output is commanded off first and last; no current flows. Limits and dead man are set and read back. The time of
-    STOP is the median of several off commands, each confirmed by the controller. Exit status 1 if something is not as
+    The output is commanded off first and last; no current flows. Limits and dead man are set and read back. The time is
+    the median of several off commands, each confirmed by the controller. Exit status 1 if something is not as
     configured, or if another program has a port open, too.
 
     An error that the controller reports is printed with its meaning and what clears it. On a terminal the program asks
@@ -342,8 +342,8 @@ def _stop(bench: Bench, terminal: Terminal) -> dict[str, Any]:
     middle, longest = statistics.median(seconds), max(seconds)
     where = " (simulated time)" if bench.virtual else ""
     terminal.print(
-        f"STOP: {1e3 * middle:.1f} ms (median of {STOPS}), {1e3 * longest:.1f} ms at most, "
-        f"until the controller confirmed that its output is off{where}"
+        f"switching off takes {1e3 * middle:.1f} ms (median of {STOPS}), {1e3 * longest:.1f} ms at most, "
+        f"until the controller has confirmed it{where}"
     )
     return {"stop_s": middle, "stop_longest_s": longest, "output_off_confirmed": confirmed}
 

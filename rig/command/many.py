@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from rig.report.batch import RecordReport, Task
 
 
-def add_engine_arguments(parser: argparse.ArgumentParser) -> None:
+def add_engine_arguments(parser: argparse._ActionsContainer) -> None:
+    """Add --workers, --engine, --address."""
     parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one a core")
     parser.add_argument(
         "--engine", default="processes", metavar="NAME", help="processes (default) or dask (extra 'cluster')"

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 MOST_NAMED = 3  # files, in a line that is about all of them
 
 
-def add_record_arguments(parser: argparse.ArgumentParser) -> None:
+def add_record_arguments(parser: argparse._ActionsContainer) -> None:
     """Add --column, --decimal, and what a file without times does not say: --period, --reversed, --branches."""
     parser.add_argument(
         "--column",
@@ -119,7 +119,7 @@ def _read(found: Iterable[Record | Refused]) -> tuple[list[Record], list[Refused
     return records, refused
 
 
-def add_effect_file_argument(parser: argparse.ArgumentParser, which: str = "") -> None:
+def add_effect_file_argument(parser: argparse._ActionsContainer, which: str = "") -> None:
     """Add --effect-file, repeatable. which: of what a user-defined effect is."""
     parser.add_argument(
         "--effect-file",
@@ -131,11 +131,13 @@ def add_effect_file_argument(parser: argparse.ArgumentParser, which: str = "") -
     )
 
 
-def add_json_argument(parser: argparse.ArgumentParser) -> None:
+def add_json_argument(parser: argparse._ActionsContainer) -> None:
+    """Add --json."""
     parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
 
 
-def add_output_argument(parser: argparse.ArgumentParser) -> None:
+def add_output_argument(parser: argparse._ActionsContainer) -> None:
+    """Add --output."""
     parser.add_argument(
         "--output",
         default=FALLING_RESISTANCE,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,10 +27,11 @@ from rig.command.record_arguments import (
 from rig.command.terminal import Terminal, to_stderr
 from rig.core.faults import Faults, fault
 from rig.core.file_writing import writing
+from rig.core.streams import TerminalLine
 from rig.records.record_file import Record, print_columns, write_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from rig.config.model_file import Model
     from rig.report.batch import Task
@@ -236,47 +238,39 @@ def invert(options: argparse.Namespace) -> int:
     return 0
 
 
+BEGINS = "fitting the base"  # the first progress, after what may be refused
+PASSING = ("tried", "dropped")  # progress that the next line replaces on a terminal
+
+
 def diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
+    record = parser.add_argument_group("record")
+    add_record_arguments(record)
     text = "fit several records of one rig together: one plate, one film, the same effects; a room for each"
-    parser.add_argument("--joint", action="store_true", help=text)
-    add_record_arguments(parser)
-    add_output_argument(parser)
-    parser.add_argument(
-        "--model", type=Path, metavar="MODEL.toml", help="if its film has no D(T), the base model has none either"
-    )
-    parser.add_argument(
-        "--base",
-        choices=["extended_generalized_pi", "generalized_pi"],
-        help="the film's base model; generalized_pi: without D(T), unless the record needs one",
-    )
-    parser.add_argument("--plate", choices=["peltier", "heater"], help="kind of plate; default: what the drive allows")
+    record.add_argument("--joint", action="store_true", help=text)
     text = "compute the errors on this other record of the rig (repeatable)"
-    parser.add_argument("--holdout", type=Path, metavar="RECORD", action="append", default=[], help=text)
-    parser.add_argument(
-        "--initial",
-        choices=["cooled", "heated", "fitted"],
-        default="fitted",
-        help="without effect: the film's memory at the first row is always fitted",
-    )
-    add_effect_file_argument(parser)
-    parser.add_argument(
-        "--assume",
-        action="append",
-        default=[],
-        metavar="NAME[:param=value]",
-        help="a known effect, with its known parameters (repeatable)",
-    )
-    text = "time for a record; the best result until then is reported"
-    parser.add_argument("--budget", type=float, metavar="SECONDS", help=text)
-    text = "share of records without any effect in which one may be named (default 0.01)"
-    parser.add_argument("--false-alarm", type=float, metavar="SHARE", help=text)
+    record.add_argument("--holdout", type=Path, metavar="RECORD", action="append", default=[], help=text)
     text = "fit room, first temperatures and memory of a held-out record to its first SECONDS (default 30)"
-    parser.add_argument("--first", type=float, metavar="SECONDS", help=text)
-    parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, diagnosis.json and model.toml there")
-    parser.add_argument("--out", type=Path, metavar="MODEL.toml", help="the extended model")
-    add_engine_arguments(parser)
-    add_json_argument(parser)
+    record.add_argument("--first", type=float, metavar="SECONDS", help=text)
+    model = parser.add_argument_group("model")
+    add_output_argument(model)
+    model.add_argument("--plate", choices=["peltier", "heater"], help="kind of plate; default: what the drive allows")
+    text = "a known effect, with its known parameters (repeatable)"
+    model.add_argument("--assume", action="append", default=[], metavar="NAME[:param=value]", help=text)
+    add_effect_file_argument(model)
+    text = "begin with a film that has (extended_) or has not a part without hysteresis, D(T); default: with"
+    model.add_argument("--base", choices=["extended_generalized_pi", "generalized_pi"], help=text)
+    model.add_argument("--model", type=Path, metavar="MODEL.toml", help="begin with D(T) if this model's film has one")
+    text = "share of records without any effect in which one may be named (default 0.01)"
+    model.add_argument("--false-alarm", type=float, metavar="SHARE", help=text)
+    output = parser.add_argument_group("output")
+    output.add_argument("--report", type=Path, metavar="DIR", help="report.html, diagnosis.json and model.toml there")
+    output.add_argument("--out", type=Path, metavar="MODEL.toml", help="the extended model")
+    add_json_argument(output)
+    speed = parser.add_argument_group("speed")
+    text = "time for a record; the best result until then is reported"
+    speed.add_argument("--budget", type=float, metavar="SECONDS", help=text)
+    add_engine_arguments(speed)
 
 
 def diagnose(options: argparse.Namespace) -> int:
@@ -291,6 +285,8 @@ def diagnose(options: argparse.Namespace) -> int:
     diagnoses.csv and diagnoses.nc. After an interruption the same command continues with the missing records. With
     --joint records of one rig are fitted together: only room, first temperatures and film memory are fitted for each
     record.
+
+    Example: peltier diagnose log.csv --column temperature_degC=T_K@K --column current_A=out@pwm255 --report diagnosis
     """
     of_many = is_of_many(options.report)
     if of_many and options.joint:
@@ -316,8 +312,6 @@ def diagnose(options: argparse.Namespace) -> int:
 
         assumed = parse_assumed_effects(options.assume)
     base = _base(options)
-    if options.initial != "fitted":
-        print("--initial: the film's memory is fitted with the record", file=sys.stderr)
     each = read_each(options.records, options) if several else []
     records = [] if several else read_records(options.records, options)
     holdout = read_records(options.holdout, options) if options.holdout else []
@@ -329,10 +323,27 @@ def diagnose(options: argparse.Namespace) -> int:
     task = diagnoses(Asked(base, options.output, options.plate, assumed, *how, own), holdout)
     if several:
         return report_each(each, task, options, terminal)
-    others = f" and {len(records) - 1} more" if len(records) > 1 else ""
-    say = lambda text: to_stderr(f"{records[0].source}{others}: {text}")  # noqa: E731
-    terminal.write_json(_together(records, task, options, terminal, say))
+    terminal.write_json(_together(records, task, options, terminal, _progress(records)))
     return 0
+
+
+def _progress(records: Sequence[Record]) -> Callable[[str], None]:
+    """Return what shows the progress of a diagnosis on stderr, with the time since it began."""
+    began_s, line, rows = time.monotonic(), TerminalLine(sys.stderr), sum(one.rows for one in records)
+    others = f" and {len(records) - 1} more" if len(records) > 1 else ""
+
+    def say(text: str) -> None:
+        shown = f"{time.monotonic() - began_s:5.0f} s  {text}"
+        if text.startswith(PASSING) and sys.stderr.isatty():
+            line.show(shown)
+            return
+        line.clear()
+        if text.startswith(BEGINS):
+            how_long = f"{rows:,} rows; minutes with a film, often less without (--budget SECONDS ends it)"
+            to_stderr(f"{records[0].source}{others}: {how_long}")
+        to_stderr(shown)
+
+    return say
 
 
 def _base(options: argparse.Namespace) -> str | None:
@@ -380,8 +391,8 @@ def _together(
     found = task.work(record, task.options, model, *task.shared, report=report, further=further, say=say)
     if found.faults:
         raise Faults(found.faults)
-    for line in found.lines:
-        terminal.print(line)
+    for one in found.lines:
+        terminal.print(one)
     if folder is not None:
         found.write_files(folder)
     if options.out is not None:

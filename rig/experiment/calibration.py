@@ -29,6 +29,7 @@ from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.inverse.check import Finding, check_model
 from compensator.thermal.plate import Kind
+from rig.analysis.error import OF_MODEL, in_brackets, judgement, percent
 from rig.analysis.identification import finding_documents, finding_notes, plate_notes
 from rig.analysis.transition import FilmNumbers, at_own_times, believed_degC, doubted, film_numbers, fresh, plate_course
 from rig.config.configuration import Configuration
@@ -69,8 +70,8 @@ LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would t
 # What comes after it frightens whoever only wants to track, and mostly need not: the demo's heat sink puts its plate's
 # model off by 49 times the noise, and its law with feedback holds the film all the same.
 FAR_OFF_IN_A_RUN: Final = (
-    "Feedback corrects most of such an error if its cause is slow, as a heat sink is, but not that of a thermometer "
-    "that lags; feedforward corrects neither. `peltier diagnose` on the record looks for the cause."
+    "If the cause is slow, as a heat sink is, tracking with feedback (the laws full and pid) is hardly affected; if "
+    "the thermometer lags, all laws are. `peltier diagnose` on the record looks for the cause."
 )
 
 
@@ -102,7 +103,11 @@ class Calibration:
         """Return the lines for the terminal: the check, the transition, and what is not determined."""
         film = [*self.film.identifiability, *finding_notes(self.findings)]
         return [
-            f"calibration: RMSE {self.check_rmse_dec:.4f} dec on {self.rows_checked} held-out rows",
+            f"calibration: film model: RMS error {self.check_rmse_dec:.4f} dec"
+            f"{in_brackets(percent(self.check_rmse_dec), judgement(self.check_rmse_dec, 'dec', OF_MODEL))} on "
+            f"{self.rows_checked} held-out rows",
+            f"calibration: plate model: RMS error {self.check_rmse_K * 1e3:.0f} mK"
+            f"{in_brackets(judgement(self.check_rmse_K, 'K', OF_MODEL))} on the same rows",
             *(self.numbers.lines() if self.numbers is not None else ()),
             *self.left_out,
             *(f"film: {note}" for note in film),

@@ -112,8 +112,8 @@ def behind_warning(plate: PlateModel, course: Course, configuration: Configurati
         return None
     unit = "A" if plate.kind == "peltier" else OF_FULL_DRIVE
     return (
-        f"the target is faster than the plate: by its model it will be more than {BEHIND_K:g} K behind for "
-        f"{100.0 * share:.0f} % of the time, by up to {most_K:.1f} K, with limits.current_A = {limit:g} {unit}"
+        f"parts of the target are faster than the plate with limits.current_A = {limit:g} {unit}: by its model it will "
+        f"be more than {BEHIND_K:g} K behind for {100.0 * share:.0f} % of the time, by up to {most_K:.1f} K"
     )
 
 
@@ -208,7 +208,7 @@ def memory_warning(film: FilmModel, hot_degC: float, where: object, units: LawUn
     in_ohm = units.quantity == "resistance"
     unknown = f"{apart:.2g} decades" if in_ohm else f"{apart / abs(units.factor):.2g} {units.unit}"
     return (
-        f"{where}: film: at {hot_degC:g} degC, where the film is conditioned, the film still remembers what "
+        f"{where}: film: at {hot_degC:g} degC, where the film is conditioned, the film model still remembers what "
         f"was before ({unknown}); raise the upper calibration.temperature_degC above the transition"
     )
 

@@ -22,9 +22,9 @@ from compensator.control.pid import Design, PidGains
 from compensator.inverse.check import check_model
 from compensator.precompile import FILM, PLATE, precompile
 from compensator.thermal.plate import Kind
-from rig.analysis.error import COUNTED, Score, target_error
+from rig.analysis.error import Score, target_error
 from rig.analysis.prediction import needs_test_current
-from rig.bench.assembly import open_bench
+from rig.bench.assembly import open_bench, simulated_effects
 from rig.config.configuration import Configuration, ConfigurationFile
 from rig.config.model_file import Model, write_model
 from rig.config.target import Target, target_column
@@ -170,6 +170,9 @@ def _calibrated(session: Session, path: Path) -> Calibration:
     result = replace(result, model_path=whole / "MODEL.toml")
     for line in result.lines():
         say(line)
+    if file.content.simulated and result.plate.far_off and (effects := simulated_effects(file)):
+        names = ", ".join(f"{one.name}: {one.effect.changes}" for one in effects)
+        say(f"plate: intended: the simulated rig has what the controller's model does not know ({names})")
     return result
 
 
@@ -353,7 +356,7 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     error = target_error(folder)
     if error is not None:
         folder.result(error=error.document())
-        say(f"temperature: RMS error {error.rms:.4f} K ({COUNTED})")
+        say(f"temperature: RMS error {error.rms:.4f} K")
     with worked_out(folder):
         session.report(folder)
         result.folder = folder.finish()

@@ -265,7 +265,7 @@ class ColumnChoice:
         if meaning.doubt:
             return meaning.doubt
         if self._is_share(k):
-            return "a share of full drive?"
+            return "it may be a share of full drive"
         if meaning.certain:
             several = sum(each.ours == meaning.ours and each.certain for each in self.meanings) > 1
             return "more than one column may be it" if several else "too small for a plate's current"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.diagnosed import Asked, diagnosed, model_of
-from rig.analysis.error import residual, residual_label
+from rig.analysis.error import residual, residual_label, split_unit
 from rig.analysis.film_records import earlier_film_records, fitted_to
 from rig.analysis.trend import of_diagnosis
 from rig.batch import given
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 BASE, EXTENDED, NOISE = page.EDGE, page.COLOURS["model"], page.GREEN
 MOST_DOTS = 4000  # more hide each other, and make the page slow
+UNCHANGED = 0.05  # of an error: less is not worth a number
 MILLI = 0.3  # K: below it a figure is in mK
 
 
@@ -243,7 +245,7 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
     parts.append(page.tiles(_numbers(diagnosis)))
     figures = []
     if diagnosis.plate is not None:
-        caption = "The temperature as measured, and as the models simulate it from the current alone."
+        caption = "The temperature as measured, and as the models simulate it from the drive alone."
         figures.append(page.saved(drawn_course(diagnosis), folder, "course", caption))
     if diagnosis.record.output is not None:
         caption = "The loop as measured, and as the models simulate it."
@@ -268,7 +270,7 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
 
 
 def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    found = [(diagnosis.verdict.replace("_", " "), "verdict")]
+    found = [(words.verdict_words(diagnosis), "verdict")]
     for what, unit, channel in words.judged_channels(diagnosis):
         scale, prefix = scaled(channel.rmse_base, unit)
         before, after = scale * channel.rmse_base, scale * channel.rmse_extended
@@ -285,16 +287,23 @@ def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 def _effects(diagnosis: Diagnosis) -> str:
     if not diagnosis.findings:
         return page.paragraph("None is named.")
-    head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "or instead of it"]
+    head = ["effect", "parameters (95 % interval)", "log-likelihood gain", "false alarms", "error without it"]
+    instead = any(f.indistinguishable_from for f in diagnosis.findings)
+    head += ["or instead of it"] * instead
     rows = []
     for f in words.by_gain(diagnosis):
-        values = words.parameters(f, ";\n")
+        values = words.of_drive(words.parameters(f, ";\n"), diagnosis)
         called = {key: what for key, (what, _) in words.channels_of(diagnosis).items()}
         times = {key: g.rmse_before / max(g.rmse_after, 1e-300) for key, g in f.gain.items()}
-        gains = [f"{called[key]} \N{MULTIPLICATION SIGN} {factor:.3g}" for key, factor in times.items()]
-        other = ", ".join(f.indistinguishable_from) or "\N{EN DASH}"
-        gained = ", ".join(gains) or "\N{EN DASH}"
-        rows.append([f.name, values, f"{f.evidence:,.0f}", f"{f.false_alarm:.2g}", gained, other])
+        gains = [
+            f"{called[key]} {max(factor, 1.0 / factor):.3g} times {'larger' if factor > 1.0 else 'smaller'}"
+            for key, factor in times.items()
+            if abs(math.log(factor)) > UNCHANGED
+        ]
+        other = [", ".join(f.indistinguishable_from) or "\N{EN DASH}"] * instead
+        gained = ", ".join(gains) or "about the same"
+        evidence = f"{f.evidence:,.0f}{words.needed(f, diagnosis)}"
+        rows.append([f.name, values, evidence, words.false_alarms(f).removeprefix("false alarms "), gained, *other])
     return page.table(head, rows)
 
 
@@ -319,9 +328,10 @@ def _limits(diagnosis: Diagnosis) -> list[str]:
     if not rows:
         return []
     head = ["effect", "size that this record allows (95 %)", "typical range"]
-    note = "A larger effect would have been seen. Leakage and heat sink are larger effects if their value is smaller."
+    note = "An effect of another size would have been seen. Leakage and heat sink are larger effects if their value is "
+    note += "smaller, so that theirs is a lower limit."
     return [
-        page.section("Upper limits of effects that are not named", page.table(head, rows), page.paragraph(note, "note"))
+        page.section("Size limits of effects that are not named", page.table(head, rows), page.paragraph(note, "note"))
     ]
 
 
@@ -333,7 +343,7 @@ def _plate(diagnosis: Diagnosis) -> list[str]:
     for name, (value, ci) in plate.parameters.items():
         width = 0.0 if ci is None else ci[1] - ci[0]
         interval = words.NOT_FIXED if ci is None else f"{words.number(ci[0], width)} to {words.number(ci[1], width)}"
-        what, unit = words.split_unit(name)
+        what, unit = split_unit(name)
         rows.append([f"{what} / {unit}" if unit else what, words.number(value, width), interval])
     rooms = [page.paragraph(f"Each record's room: {line}.", "note") for line in words.room_line(diagnosis)]
     doubts = [page.paragraph("Doubtful:"), page.bullets(plate.doubts)] if plate.doubts else []
@@ -354,8 +364,10 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
     return [
         page.bullets(changes),
         page.paragraph(
-            "Evidence: the fall of the log-likelihood if the effect is removed and everything else is fitted again. "
-            "Error without it: RMS error in held-out rows, relative to the extended model's.",
+            "Log-likelihood gain: what is lost if the effect is removed and everything else is fitted again; in "
+            "brackets what it takes to be named. False alarms: in records without any effect. Error without it: RMS "
+            "error in held-out rows, compared with the extended model's; it is smaller if the other effects then fit "
+            "this channel better, at the cost of the other channel.",
             "note",
         ),
     ]
@@ -366,7 +378,7 @@ def _left(diagnosis: Diagnosis) -> list[str]:
     parts = (
         [page.bullets(f"Residual structure, {text}" for text in left)]
         if left
-        else [page.paragraph("The residual is noise.")]
+        else [page.paragraph(words.residual_words(diagnosis))]
     )
     warnings = [f"Warning, {w.code.replace('_', ' ')}: {words.warning_line(diagnosis, w)}" for w in diagnosis.warnings]
     if warnings:
@@ -384,10 +396,16 @@ def _runners_up(diagnosis: Diagnosis) -> list[str]:
     if not behind:
         return [page.paragraph("No other set of effects was fitted.")]
     rows = [[", ".join(sorted(key)) or "none", f"{less:,.1f}"] for less, key in sorted(behind, key=lambda e: e[0])]
-    note = "Score: log-likelihood - price of the parameters. Below 0: a better score than that of the named effects, "
-    note += "with an effect that could not be named."
+    note = "Score: the log-likelihood, less the price of the parameters. "
+    if min(less for less, _ in behind) > 0.0:
+        note += "No other set of effects that was fitted has a better score."
+    else:
+        note += (
+            "Below 0: the set has a better score, but the record does not determine the size of one of its effects, or "
+        )
+        note += "the residual is larger than what that effect explains, so that it is not named."
     return [
-        page.table(["effects", "score of the named effects - score of this set"], rows[:RUNNERS_UP]),
+        page.table(["effects", "by how much the named effects score better"], rows[:RUNNERS_UP]),
         page.paragraph(note, "note"),
     ]
 

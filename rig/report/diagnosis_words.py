@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.analysis.error import split_unit
 from sim.diagnosis.result import Channel, rough
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
 
@@ -19,24 +21,9 @@ LESS = 0.98  # times an error: what a set of effects that is not named has to ga
 OFF = 1.3  # times the noise, from which the error in held-out rows is said to be larger: noise alone gives 0.9 to 1.1
 MOST_NAMED = 4  # records in a title
 NOT_FIXED = "not determined by this record"
-SATURATED = "heat_sink_saturated"
+SATURATED, CUT_SHORT = "heat_sink_saturated", "out_of_time"
+BETWEEN_ROWS = "current_between_rows"
 SHARE = "share_of_full_drive"
-UNITS = {  # endings of parameters' names
-    "_K_per_h": "K/h",
-    "_K_per_W": "K/W",
-    "_per_K3_s": "1/(K\N{SUPERSCRIPT THREE} s)",
-    "_per_A_s": "1/(A s)",
-    "_K_per_A2_s": "K/(A\N{SUPERSCRIPT TWO} s)",
-    "_K_per_s": "K/s",
-    "_per_K": "1/K",
-    "_per_s": "1/s",
-    "_degC": "\N{DEGREE SIGN}C",
-    "_ohm": "ohm",
-    "_dec": "decades",
-    "_K": "K",
-    "_A": "A",
-    "_s": "s",
-}
 
 
 def lines(diagnosis: Diagnosis) -> list[str]:
@@ -44,7 +31,7 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     out = [sentence(diagnosis), *(f"  assumed: {text}" for text in assumed_lines(diagnosis))]
     for f in by_gain(diagnosis):
         other = f"; or {listed(f.indistinguishable_from, 'or')}" if f.indistinguishable_from else ""
-        evidence = f"log-likelihood gain {f.evidence:,.0f}, false alarms at most {f.false_alarm:.2g}"
+        evidence = f"log-likelihood gain {f.evidence:,.0f}{needed(f, diagnosis)}, {false_alarms(f)}"
         out.append(f"  {f.name}: {parameters(f)}; {evidence}{other}")
     if diagnosis.record.joined.size:
         out += [f"record: {text}" for text in record_lines(diagnosis)]
@@ -57,13 +44,14 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     out += [f"candidate: {text}" for text in not_named(diagnosis)]
     out += limit_lines(diagnosis)
     out += [f"residual: {text}" for text in left_over(diagnosis)]
-    out += [f"warning: {warning_line(diagnosis, caution)}" for caution in diagnosis.warnings]
-    return out + [f"next: {text}" for text in diagnosis.next_experiment]
+    others = [w for w in diagnosis.warnings if w.code not in (SATURATED, CUT_SHORT)]
+    out += [f"warning: {warning_line(diagnosis, w)}" for w in others]
+    return [of_drive(line, diagnosis) for line in [*out, *(f"next: {text}" for text in diagnosis.next_experiment)]]
 
 
 def sentence(diagnosis: Diagnosis) -> str:
     """Return the verdict in one or a few sentences."""
-    first = [warning_line(diagnosis, w) for w in diagnosis.warnings if w.code == SATURATED][:1]
+    first = [warning_line(diagnosis, w) for w in diagnosis.warnings if w.code in (SATURATED, CUT_SHORT)]
     first = [f"{text[:1].upper()}{text[1:]}. " for text in first]
     if diagnosis.written == "base":
         text = (
@@ -78,21 +66,67 @@ def sentence(diagnosis: Diagnosis) -> str:
         )
     names = [named(f, diagnosis) for f in by_gain(diagnosis)]
     left = "; ".join(left_over(diagnosis))
-    if diagnosis.verdict == "too_short":
+    if is_cut_short(diagnosis) and not names and not left:
+        text = "Not decided: no effect was found until then."
+    elif diagnosis.verdict == "too_short":
         text = "Rows too far apart: the film changes more from row to row than an effect of film or ohmmeter would show"
         text += f"; {left}." if left else "."
     elif diagnosis.verdict == "clean":
         unseen = [limit.name for limit in diagnosis.limits if limit.allows_all_typical]
         unseen_text = f"; {listed(unseen)} would not show in this record at any typical size" if unseen else ""
-        text = f"Clean: no effect is seen, and the residual is noise{unseen_text}."
+        noise = ", and the residual is noise" if is_noise(diagnosis) else ""
+        text = f"{'No effect' if not noise else 'Clean: no effect'} is seen{noise}{unseen_text}."
     elif diagnosis.verdict == "explained":
-        text = f"Explained: {listed(names)}. The residual is noise."
+        text = f"Explained: {listed(names)}." + " The residual is noise." * is_noise(diagnosis)
     elif left:
         text = f"no effect of the catalogue explains the residual ({left})"
         text = f"Partly unexplained: {listed(names)}; {text}." if names else f"Unexplained: {text}."
     else:
         text = f"Not confirmed: {listed(names)}."
-    return "".join([*first, text, _elsewhere(diagnosis)])
+    return of_drive("".join([*first, text, _elsewhere(diagnosis)]), diagnosis)
+
+
+def of_drive(text: str, diagnosis: Diagnosis) -> str:
+    """Return a text with "of full drive" in the place of A, if the record's current is a share of full drive."""
+    return text if diagnosis.drive is None else re.sub(r"(?<=\d) A(?![\w\N{SUPERSCRIPT TWO}])", " of full drive", text)
+
+
+def is_cut_short(diagnosis: Diagnosis) -> bool:
+    """Return True if the budget ended the search."""
+    return any(warning.code == CUT_SHORT for warning in diagnosis.warnings)
+
+
+def is_noise(diagnosis: Diagnosis) -> bool:
+    """Return True if the residual has no structure and held-out rows are predicted to about their noise."""
+    return not (left_over(diagnosis) or _off(diagnosis))
+
+
+def residual_words(diagnosis: Diagnosis) -> str:
+    """Return the sentence on a residual without structure that an effect could explain."""
+    if is_noise(diagnosis):
+        return "The residual is noise."
+    return "No effect was found that explains the residual, but it is larger than noise." + _elsewhere(diagnosis)
+
+
+def verdict_words(diagnosis: Diagnosis) -> str:
+    """Return the verdict for a card."""
+    if is_cut_short(diagnosis) and not diagnosis.findings:
+        return "not decided"
+    if diagnosis.verdict == "clean" and not is_noise(diagnosis):
+        return "no effect seen"
+    return diagnosis.verdict.replace("_", " ")
+
+
+def needed(finding: Finding, diagnosis: Diagnosis) -> str:
+    """Return the log-likelihood that an effect has to gain to be named, in brackets; "" if it has no price."""
+    effect = diagnosis.search.known.get(finding.name)
+    price = diagnosis.search.cost_of(diagnosis.fit, [effect]) if effect is not None else 0.0
+    return f" (needed: {price:.0f})" if price > 0.0 else ""
+
+
+def false_alarms(finding: Finding) -> str:
+    """Return the bound on false alarms: at most 1 in 300."""
+    return f"false alarms at most 1 in {1.0 / max(finding.false_alarm, 1e-9):,.0f}"
 
 
 def by_gain(diagnosis: Diagnosis) -> list[Finding]:
@@ -116,16 +150,23 @@ def named(finding: Finding, diagnosis: Diagnosis) -> str:
 
 def _elsewhere(diagnosis: Diagnosis) -> str:
     """Return by how much held-out rows are missed, if the residual of the fitted ones is noise."""
-    off = [
-        f"{what} by {rough(channel.rmse_extended / channel.noise)} times its noise"
-        for what, _, channel in judged_channels(diagnosis)
-        if channel.noise > 0.0 and channel.rmse_extended > OFF * channel.noise
-    ]
+    off = _off(diagnosis)
     if not off or any(text is not None for text in diagnosis.unexplained.values()):
         return ""
     names = file_names([one.source for one in diagnosis.elsewhere])
     which = f"in {listed(names)}" if names else "in held-out rows"
-    return f" The model is off {which}: {listed(off)}."
+    early = any(w.code == BETWEEN_ROWS for w in diagnosis.warnings)
+    why = ", because the current changed between the rows" if early else ""
+    return f" The model is off {which}: {listed(off)}{why}."
+
+
+def _off(diagnosis: Diagnosis) -> list[str]:
+    """Return by how much each channel's held-out rows are missed, if by more than the noise."""
+    return [
+        f"{what} by {rough(channel.rmse_extended / channel.noise)} times its noise"
+        for what, _, channel in judged_channels(diagnosis)
+        if channel.noise > 0.0 and channel.rmse_extended > OFF * channel.noise
+    ]
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
@@ -138,14 +179,6 @@ def number(value: float, width: float = 0.0) -> str:
     if 0.0 < width < abs(value):
         digits = min(max(DIGITS, math.ceil(math.log10(abs(value) / width)) + 1), MOST_DIGITS)
     return f"{value:.{digits}g}"
-
-
-def split_unit(name: str) -> tuple[str, str]:
-    """Return (what, unit) of a parameter's name: ("tau", "s") of tau_s, ("share", "") of share."""
-    for ending, unit in UNITS.items():
-        if name.endswith(ending):
-            return name.removesuffix(ending).replace("_", " "), unit
-    return name.replace("_", " "), ""
 
 
 def quantity(name: str, value: float) -> str:
@@ -215,7 +248,8 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
 def film_words(film: Mapping[str, Any]) -> str:
     """Return a description of the film model."""
     kind = "Prandtl-Ishlinskii film" if film["of_the_class"] else "Preisach film"
-    text = f"{kind}, {film['operators']} operators, D(T): {film['memoryless']}"
+    parts = "operators" if film["of_the_class"] else "cells of its density"
+    text = f"{kind}, {film['operators']} {parts}; part without hysteresis, D(T): {film['memoryless']}"
     further = film.get("further_records", 0)
     return f"{text}; fitted to this record and to {further} earlier ones" if further else text
 
@@ -265,15 +299,31 @@ def assumed_lines(diagnosis: Diagnosis) -> list[str]:
 
 def limit_rows(diagnosis: Diagnosis) -> list[list[str]]:
     """Return (effect, the sizes that the record still allows, the typical range) of each effect that is not named."""
-    typical = [" to ".join(map(rough, limit.typical or ())) or "\N{EN DASH}" for limit in diagnosis.limits]
-    return [[limit.name, _allowed(limit), sizes] for limit, sizes in zip(diagnosis.limits, typical, strict=True)]
+    return [
+        [
+            limit.name,
+            "cannot be seen in this record" if limit.allows_all_typical else of_drive(_allowed(limit), diagnosis),
+            _typical(limit) or "\N{EN DASH}",
+        ]
+        for limit in _limits(diagnosis)
+    ]
+
+
+def _limits(diagnosis: Diagnosis) -> list[UpperLimit]:
+    """Return the limits of effects that do not stand in for a named one."""
+    instead = {name for finding in diagnosis.findings for name in finding.indistinguishable_from}
+    return [limit for limit in diagnosis.limits if limit.name not in instead]
+
+
+def _typical(limit: UpperLimit) -> str:
+    return " to ".join(map(rough, limit.typical or ()))
 
 
 def _allowed(limit: UpperLimit) -> str:
     """Return the sizes that the record still allows: tau below 0.62 s."""
     what, unit = split_unit(limit.parameter)
     if limit.limit is None:
-        return f"{what}: any"
+        return f"{what} of any size"
     return f"{what} {'above' if limit.from_below else 'below'} {rough(limit.limit)} {unit}".rstrip()
 
 
@@ -282,17 +332,15 @@ def limit_lines(diagnosis: Diagnosis) -> list[str]:
 
     An effect that may stand in for a named one is listed there."""
     kinds: dict[str, list[str]] = {
-        "excluded at every typical size (95 %)": [],
-        "not seen; still possible (95 %)": [],
+        "not seen; if present, weaker than any typical one (95 %)": [],
+        "not seen; if present, then with (95 %)": [],
         "cannot be seen in this record at any typical size": [],
     }
     whole, to_a_size, unseen = kinds.values()
-    instead = {name for finding in diagnosis.findings for name in finding.indistinguishable_from}
-    for limit in diagnosis.limits:
-        if limit.name in instead:
-            continue
+    for limit in _limits(diagnosis):
         kind = whole if limit.excludes_all_typical else unseen if limit.allows_all_typical else to_a_size
-        kind.append(limit.name if limit.limit is None else f"{limit.name} ({_allowed(limit)})")
+        typical = f", typical {_typical(limit)}" if limit.typical else ""
+        kind.append(limit.name if kind is unseen else f"{limit.name} ({_allowed(limit)}{typical})")
     return [f"{what}: {'; '.join(names)}" for what, names in kinds.items() if names]
 
 

@@ -14,8 +14,17 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from compensator.hysteresis.functions import Array
-from rig.analysis.error import residual, residual_label, value_and_half
-from rig.analysis.identification import FitOptions, Identified, identified
+from rig.analysis.error import (
+    OF_MODEL,
+    in_brackets,
+    judgement,
+    percent,
+    residual,
+    residual_label,
+    split_unit,
+    value_and_half,
+)
+from rig.analysis.identification import MISFIT, FitOptions, Identified, identified
 from rig.analysis.prediction import ChannelError
 from rig.analysis.trend import of_identification
 from rig.batch import given
@@ -166,15 +175,6 @@ def forc_figure(folder: Path, forc: Forc, name: str) -> str:
 
 
 NOT_DETERMINED = "Warnings, and what this record cannot determine"
-PLATE_PARAMETERS = {
-    "seebeck_over_capacity_per_A_s": ("Seebeck coefficient / heat capacity, S/C", "1/(A s)"),
-    "resistance_over_capacity_K_per_A2_s": ("resistance / heat capacity, R_e/C", "K/(A\N{SUPERSCRIPT TWO} s)"),
-    "conductance_over_capacity_per_s": ("thermal conductance / heat capacity, G/C", "1/s"),
-    "seebeck_slope_per_K": ("relative slope of S with temperature", "1/K"),
-    "resistance_slope_per_K": ("relative slope of R_e with temperature", "1/K"),
-    "drive_over_capacity_K_per_s": ("heating rate at full drive", "K/s"),
-    "ambient_degC": ("room temperature", "\N{DEGREE SIGN}C"),
-}
 
 
 def report_identification(
@@ -233,15 +233,17 @@ def _write_identification_page(folder: Path, found: Identified, result: Mapping[
     parts: list[str] = []
     lead = f"From {', '.join(Path(source).name for source in result['records'])}."
     if film is not None:
-        lead = f"The film model fits the record to {film[f'rmse_{unit}']:.3g} {unit} RMS. {lead}"
+        error = film[f"held_out_rmse_{unit}"]
+        share, judged = percent(error) if unit == "dec" else "", judgement(error, unit, OF_MODEL)
+        lead = f"The film model has an RMS error of {error:.3g} {unit}{in_brackets(share, judged)}. {lead}"
         numbers = [
-            (f"{film[f'rmse_{unit}']:.3g} {unit}", "RMSE of the fit"),
-            (f"{film[f'held_out_rmse_{unit}']:.3g} {unit}", "RMSE on held-out rows"),
+            (f"{error:.3g} {unit}", f"RMS error on held-out rows{in_brackets(judged)}"),
+            (f"{film[f'rmse_{unit}']:.3g} {unit}", "RMS error on fitted rows"),
             (f"{film[f'max_abs_{unit}']:.3g} {unit}", "largest error"),
-            (f"{film['active_operators']}", f"operators with weight, {film['kind'].replace('_', ' ')}"),
-            (film["memoryless"], "form of D(T)"),
         ]
-        parts.append(page.tiles(numbers))
+        form = [[film["kind"].replace("_", " "), "kind"], [str(film["active_operators"]), "operators"]]
+        form.append([film["memoryless"], "form of D(T), the part without hysteresis"])
+        parts += [page.tiles(numbers), page.details("The film model's form", page.table(["value", "of"], form))]
     if result["left_out"]:
         gone = [
             f"{Path(out['record']).name}: rows {out['rows'][0]} to {out['rows'][1]} ({out['from_s']:.12g} to "
@@ -258,10 +260,9 @@ def _write_identification_page(folder: Path, found: Identified, result: Mapping[
         left = residual_figure(folder, time, degC, residual(measured, modelled, found.output), unit, suffix)
         parts.append(page.section(f"The model over the record{name}", loop, left))
     if film is not None:
-        notes = film["identifiability"]
-        parts.append(
-            page.section(NOT_DETERMINED, page.bullets(notes) if notes else page.paragraph("Nothing of the film."))
-        )
+        notes = found.doubts()
+        none = page.paragraph("No warning: the record determines the film.")
+        parts.append(page.section(NOT_DETERMINED, page.bullets(notes) if notes else none))
     if "plate" in result:
         assert found.plate is not None
         simulated = list(zip(found.plate_records, found.plate.simulated_degC, strict=True))
@@ -274,9 +275,11 @@ def plate_table(parameters: Iterable[tuple[str, float, float | None]], head: str
     determine it."""
     rows = []
     for name, value, half in parameters:
-        what, unit = PLATE_PARAMETERS.get(name, (name, ""))
+        what, unit = split_unit(name)
         if half is None or not math.isfinite(half):
             rows.append([what, f"{value:.3g}", "\N{EN DASH}", unit])
+        elif half > abs(value) and "slope" in name:
+            rows.append([what, "not determined", f"within \N{PLUS-MINUS SIGN} {abs(value) + half:.2g}", unit])
         else:
             shown, width = value_and_half(value, half)
             rows.append([what, shown, f"\N{PLUS-MINUS SIGN} {width}", unit])
@@ -284,12 +287,17 @@ def plate_table(parameters: Iterable[tuple[str, float, float | None]], head: str
 
 
 def _plate(folder: Path, plate: Mapping[str, Any], simulated: Sequence[tuple[Record, Array]]) -> str:
-    found = [(name, one["value"], 0.5 * float(np.ptp(one["ci95"]))) for name, one in plate["parameters"].items()]
+    off = plate["rmse_K"] > MISFIT * plate["noise_K"]  # so that its intervals are too narrow to be shown
+    found = [
+        (name, one["value"], None if off else 0.5 * float(np.ptp(one["ci95"])))
+        for name, one in plate["parameters"].items()
+    ]
     suffixes = [f"_{k + 1}" for k in range(len(simulated))] if len(simulated) > 1 else [""]
     figures = [plate_figure(folder, *one, suffix) for one, suffix in zip(simulated, suffixes, strict=True)]
     kind = "Peltier plate" if plate["kind"] == "peltier" else "heater"
     fitted = (
-        f"Residual of the {kind} model: {plate['rmse_K']:.3g} K RMS, {plate['max_abs_K']:.3g} K at most; "
+        f"Residual of the {kind} model: {plate['rmse_K']:.3g} K RMS"
+        f"{in_brackets(judgement(plate['rmse_K'], 'K', OF_MODEL))}, {plate['max_abs_K']:.3g} K at most; "
         f"the thermometer's noise is {plate['noise_K']:.2g} K."
     )
     drive = " (per full drive in the place of A)" if plate["drive"] is not None else ""
@@ -303,7 +311,8 @@ def transition_section(
     """Return the section on one record's transition, as `FilmNumbers.shown`. suffix: of the figures' names if a page
     shows several records; curves: its reversal curves, if their diagram is drawn."""
     rows = [[what, value.replace("+-", "\N{PLUS-MINUS SIGN}")] for what, value in shown["rows"]]
-    parts = [page.table(["quantity", "value and 95 % interval"], rows), page.bullets(shown["notes"])]
+    parts = [page.table(["quantity", "value and 95 % interval"], rows)] if rows else []
+    parts.append(page.bullets(shown["notes"]))
     if shown["derivative"]:
         parts.append(derivative_figure(folder, shown["derivative"], f"derivative{suffix}", shown["ylabel"]))
     if curves is None or curves.reason or not np.any(np.isfinite(curves.density)):
@@ -322,7 +331,11 @@ def write_prediction_report(
     for one in errors:
         plate = one.name == "temperature_degC"
         numbers += [
-            (f"{one.rmse:.3g} {one.unit}", "RMSE of the " + ("temperature" if plate else "film's output")),
+            (
+                f"{one.rmse:.3g} {one.unit}",
+                f"RMS error of the {'temperature' if plate else 'film'}"
+                f"{in_brackets(judgement(one.rmse, one.unit, OF_MODEL))}",
+            ),
             (f"{one.max_abs:.3g} {one.unit}", "largest error"),
         ]
         suffix = "_plate" if plate else ""

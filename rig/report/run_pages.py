@@ -15,9 +15,14 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.analysis.error import (
     COUNTED,
+    OF_MODEL,
+    OF_TARGET,
     TRACK,
     Score,
     Tracked,
+    in_brackets,
+    judgement,
+    percent,
     residual_dec,
     residual_label,
     score,
@@ -63,9 +68,12 @@ def write_run_page(run: RunRows, out: Path) -> None:
 
 
 def _error_figure(out: Path, runs: Mapping[str, RunRows]) -> str:
-    """Draw the error of each run, by the name of its law, in a panel; return the page's figure."""
-    fig, axes = page.new_figure(len(runs), 1.6 + 1.5 * len(runs))
-    for axis, (law, run) in zip(axes, runs.items(), strict=True):
+    """Draw the error of the first run on its own scale and, if there are others, of all on one scale, by the names of
+    their laws; return the page's figure."""
+    panels = [dict(list(runs.items())[:1]), *([dict(runs)] if len(runs) > 1 else [])]
+    fig, axes = page.new_figure(len(panels), 1.6 + 1.7 * len(panels))
+    several = [(axis, *one) for axis, of in zip(axes, panels, strict=True) for one in reversed(of.items())]
+    for axis, law, run in several:
         found = target_error(run)
         assert found is not None
         in_decades, kelvin = found.unit == "dec", found.unit == "K"
@@ -73,14 +81,17 @@ def _error_figure(out: Path, runs: Mapping[str, RunRows]) -> str:
             axis.axhspan(-BAND_DEC, BAND_DEC, color=page.SHADE, zorder=0)
         colour = page.COLOURS.get("temperature" if kelvin else law, page.COLOURS["measured"])
         axis.axhline(0.0, color=page.EDGE, linewidth=0.6)
-        page.draw_line(axis, found.time_s, found.error, color=colour, linewidth=1.0)
+        page.draw_line(axis, found.time_s, found.error, color=colour, linewidth=1.0, label=law)
         k = int(np.nanargmax(np.abs(found.error)))  # a dot where it is largest
         axis.plot(found.time_s[k : k + 1], found.error[k : k + 1], "o", color=colour, markersize=4)
-        axis.set_ylabel(f"measured - wanted / {found.unit}" if kelvin else f"{law}: measured\n- wanted / {found.unit}")
+        axis.set_ylabel(f"measured\n- wanted / {found.unit}")
+    if len(panels) > 1:
+        axes[0].set_title(f"the law {next(iter(runs))} alone", fontsize=10, loc="left")
+        page.legend_above(axes[-1])
     axes[-1].set_xlabel("time of the target / s")
     what = "temperature" if kelvin else "log10 R" if in_decades else tracked(run).name
     text = f"The error over time, measured - wanted {what}."
-    text += " Each law has its own scale." * (len(runs) > 1)
+    text += " Below, all laws on one scale." * (len(runs) > 1)
     text += f" Shaded: ± {BAND_DEC:g} decades." * in_decades
     return page.saved(fig, out, "errors", text)
 
@@ -113,30 +124,45 @@ def _courses(run: RunRows, out: Path, phase: str | None = None) -> str:
     page.draw_line(axes[-1], time, current, held=True, color=page.COLOURS["current"], linewidth=0.9)
     axes[-1].set(xlabel="time / s" if phase is None else "time of the target / s", ylabel=f"{drive} / {unit}")
     names = [*([film.partition("_")[0]] if measured else []), "temperature", f"{drive} (positive heats)"]
-    dashed = "; dashed: what was wanted" if np.any(np.isfinite(wanted)) else ""
-    return page.saved(fig, out, "courses", f"{', '.join(names)}{dashed}.".capitalize())
+    dashed = [label.split(" / ")[0] for _, _, asked, label, _ in panels if np.any(np.isfinite(asked))]
+    text = ", ".join(names)
+    text += f"; dashed: the wanted {' and '.join(reversed(dashed))}" if dashed else ""
+    return page.saved(fig, out, "courses", f"{text}.".capitalize())
 
 
 def _facts(run: RunRows) -> str:
     """Return the line under a report's headline: when, on what rig, with which instruments, and how it ended."""
     start, stop = run.document["start"], run.document.get("stop", {})
+    timing = _punctuality(stop.get("ticks", {}))
     instruments = ", ".join(f"{one['maker']} {one['model']}" for one in start["instruments"].values())
-    simulated = start["settings"]["bench"]["controller"]["port"].startswith("sim://")
     off = "output off, confirmed" if stop.get("output_off_confirmed") else "OUTPUT NOT CONFIRMED OFF"
     ended = f"Ended: {stop.get('reason', '?')}, {off}." if stop else "How it ended was not recorded."
-    where = "SIMULATED rig" if simulated else "real rig"
+    where = "SIMULATED rig" if _simulated(run) else "real rig"
     text = f"{start['at'][:16].replace('T', ' ')} UTC, {where}: {instruments}. {ended}"
-    return page.paragraph(f"{text} {_punctuality(stop.get('ticks', {}))}".strip(), "note")
+    more = [page.paragraph(line, "note") for line in (f"Folder: {run.path.name}.", timing) if line]
+    return page.paragraph(text, "note") + page.details("Folder and timing of the control loop", *more)
+
+
+def _simulated(run: RunRows) -> bool:
+    return str(run.document["start"]["settings"]["bench"]["controller"]["port"]).startswith("sim://")
+
+
+def _titled(run: RunRows, text: str) -> str:
+    """Return the title of a page: the experiment's name, and what it was."""
+    name = run.document["start"]["settings"].get("experiment", {}).get("name", "")
+    return f"{name}: {text}" if name else f"{text[:1].upper()}{text[1:]}"
 
 
 def _punctuality(ticks: Mapping[str, float]) -> str:
     """Return how punctual a run was: ticks done and missed, longest time without a reading with a current on."""
     if not ticks:
         return ""
-    text = f"{ticks['done']} ticks, {ticks['missed']} missed, at most {1e3 * ticks['latest_s']:.0f} ms late"
+    text = f"{ticks['done']} control periods, {ticks['missed']} missed; a period began at most "
+    text += f"{1e3 * ticks['latest_s']:.0f} ms after its time (real or simulated)"
     if "unwatched_s" in ticks:
         gaps = f", {ticks['gaps']} gap{'s' * (ticks['gaps'] > 1)}" if ticks["gaps"] else ""
-        text += f"; longest time without a reading with a current on {ticks['unwatched_s']:.2f} s{gaps}"
+        unwatched = f"{ticks['unwatched_s']:.2f} s{gaps}"
+        text += f"; the longest time that a current flowed without a temperature reading: {unwatched}"
     if count := ticks.get("unacknowledged"):
         text += f"; {count} command{'s' * (count > 1)} not acknowledged"
     return text + "."
@@ -148,12 +174,13 @@ def _write_profile_page(run: RunRows, out: Path) -> None:
     lead = f"{run.rows} rows over {seconds:.0f} s were recorded."
     parts = [page.section("Courses", _courses(run, out))]
     if (error := target_error(run)) is not None:
-        numbers += [(error.shown_rms, f"RMS error {COUNTED}"), (error.shown_largest, "largest error")]
+        judged = in_brackets(judgement(error.rms, error.unit, OF_TARGET))
+        numbers += [(error.shown_rms, f"RMS error {COUNTED}{judged}"), (error.shown_largest, "largest error")]
         lead = f"The temperature was within {error.shown_rms} RMS of the wanted one {COUNTED}. {lead}"
         parts.append(page.section("The error", _error_figure(out, {"temperature": run})))
     kind = str(run.document["start"]["what"])
     title = TITLES.get(kind, kind.replace("_", " ")).format(drive=drive_label(run)[0])
-    page.write_page(out / "report.html", f"{run.path.name}: {title}", lead, [_facts(run), page.tiles(numbers), *parts])
+    page.write_page(out / "report.html", _titled(run, title), lead, [_facts(run), page.tiles(numbers), *parts])
 
 
 def _write_tracking_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> None:
@@ -164,9 +191,18 @@ def _write_tracking_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) 
     scores = {name: one for name, one in found.items() if one is not None}
     mine, design = scores[own], run.document["result"]["design"]
     calibration = inner[CALIBRATION].document.get("result") if CALIBRATION in inner else None
+    doubts = calibration.get("identifiability", [])[:2] if calibration is not None else []
+    world = run.document["start"]["settings"].get("simulation", {}) if _simulated(run) else {}
+    effects = [one["name"] for one in world.get("effects", [])] + ["heat_sink_warmup"] * bool(
+        world.get("heat_sink_warmup")
+    )
+    if doubts and effects:
+        text = f"Intended: the simulated rig has {' and '.join(effects)}, which the controller's model does not know."
+        doubts = [*doubts, text]
     parts = [
         _facts(run),
-        page.tiles(_numbers(run, mine, design, calibration)),
+        page.tiles(_numbers(run, mine, calibration)),
+        *([page.section("Warnings of the calibration", page.bullets(doubts))] if doubts else []),
         page.section(f"Wanted and measured {what.name}", _courses(run, out, TRACK)),
         page.section("The error", _error_figure(out, {name: runs[name] for name in scores})),
         page.section("The loop", _loop(run, what, out, own)),
@@ -174,16 +210,17 @@ def _write_tracking_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) 
     if len(scores) > 1:
         parts.append(page.section("The laws on the same target", _laws(runs, scores, own)))
     parts += _further(out, inner)
-    parts.append(page.section("What the numbers mean", *_meanings(run, own, design, calibration)))
+    parts.append(page.section("What the numbers mean", *_meanings(run, own, design, calibration is not None)))
     lead = (
-        f"The law '{own}' kept the film within {_error(mine.rms, mine, 4)} RMS of the wanted {what.name} {COUNTED} "
+        f"The law '{own}' kept the film within {_error(mine.rms, mine, 4)}"
+        f"{in_brackets(percent(mine.rms) if mine.unit == 'dec' else '')} RMS of the wanted {what.name} "
         f"(95 % of it within {_error(mine.p95, mine, 3)}; at worst {_error(mine.max, mine, 3)}, "
         f"at {mine.max_at_s:.1f} s)."
     )
     others = {name: one.rms / mine.rms for name, one in scores.items() if name != own}
     if others:
         lead += " " + " and ".join(f"{times:.1f} times better than '{name}'" for name, times in others.items()) + "."
-    page.write_page(out / "report.html", f"{run.path.name}: tracking a wanted {what.name}", lead, parts)
+    page.write_page(out / "report.html", _titled(run, f"tracking a wanted {what.name}, law {own}"), lead, parts)
 
 
 def _error(error: float, of: Score, digits: int) -> str:
@@ -203,26 +240,20 @@ def _further(out: Path, inner: Mapping[str, RunRows]) -> list[str]:
     return [page.section("Further reports", page.links(zip(texts, addresses, strict=True)))]
 
 
-def _numbers(
-    run: RunRows, mine: Score, design: Mapping[str, Any], calibration: Mapping[str, Any] | None
-) -> list[tuple[str, str]]:
+def _numbers(run: RunRows, mine: Score, calibration: Mapping[str, Any] | None) -> list[tuple[str, str]]:
+    in_percent = f" = {percent(mine.rms)}" if mine.unit == "dec" else ""
+    judged = in_brackets(judgement(mine.rms, mine.unit, OF_TARGET))
     numbers = [
-        (shown_error(mine.rms, mine.unit, 4), f"RMS error {COUNTED}"),
+        (f"{shown_error(mine.rms, mine.unit, 4)}{in_percent}", f"RMS error {COUNTED}{judged}"),
         (shown_error(mine.max, mine.unit, 3), f"largest error, at {mine.max_at_s:.1f} s"),
     ]
     if math.isfinite(mine.current_at_limit):
         share = 100 * mine.current_at_limit
         numbers.append((f"{share:.0f} %", f"of the time the {drive_label(run)[0]} was at its limit"))
-    if mine.law in ("full", "pid"):
-        output = "log R" if mine.unit == "dec" else "output"
-        loop, margins = ("temperature loop" if mine.law == "full" else f"{output} loop"), design["margins"]
-        numbers += [
-            (f"{margins['ms']:.2f}", f"maximum sensitivity Ms of the {loop}"),
-            (f"{margins['phase_margin_deg']:.0f}\N{DEGREE SIGN}", "phase margin"),
-            (f"{20 * math.log10(float(margins['gain_margin'])):.1f} dB", "gain margin"),
-        ]
     if calibration is not None:
-        numbers.append((f"{calibration['check_rmse_dec']:.4f} dec", "held-out RMSE of the calibration"))
+        error = calibration["check_rmse_dec"]
+        judged = in_brackets(judgement(error, "dec", OF_MODEL))
+        numbers.append((f"{error:.4f} dec", f"RMS error of the calibration's film model on held-out rows{judged}"))
     return numbers
 
 
@@ -241,58 +272,65 @@ def _loop(run: RunRows, what: Tracked, out: Path, own: str) -> str:
     if what.in_ohm:
         page.log_scale(axes)
     axes.legend(loc="best")
-    text = f"{what.name.capitalize()} over temperature: each turning point of the target begins a minor loop."
+    text = (
+        f"{what.name.capitalize()} over temperature, as measured: each turning point of the target begins a minor loop."
+    )
+    text += " The heating branch is the one at higher temperature." * what.in_ohm
     return page.saved(fig, out, "loop", text)
 
 
 def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) -> str:
     unit = scores[own].unit
     names = {
-        "full": "full: inverse, plate inverse, feedback",
-        "pid": "pid: on log R alone" if unit == "dec" else "pid: on the output alone",
-        "feedforward": "feedforward: inverses, no feedback",
-        "instrument_pid": "instrument_pid: the controller's own",
+        "full": "full: model of film and plate, with feedback",
+        "pid": f"pid: feedback on {'log R' if unit == 'dec' else 'the output'} alone, no model",
+        "feedforward": "feedforward: the same model, no feedback",
+        "instrument_pid": "instrument_pid: the model's temperature, by the controller's own PID",
     }
-    margins = {law: runs[law].document["result"]["design"]["margins"] for law in scores if law in ("full", "pid")}
     rows = [
         [
             names.get(law, law),
             shown_error(one.rms, unit, 4).split()[0],
             shown_error(one.p95, unit, 4).split()[0],
             shown_error(one.max, unit, 3).split()[0],
-            f"{margins[law]['ms']:.2f}" if law in margins else "\N{EN DASH}",
-            f"{one.rms / scores[own].rms:.1f} \N{MULTIPLICATION SIGN}",
+            f"{one.rms / scores[own].rms:.1f}",
         ]
         for law, one in scores.items()
     ]
-    head = ["law", f"RMS / {unit}", f"95 % within / {unit}", f"largest / {unit}", "Ms", "RMS over that of " + own]
+    head = ["law", f"RMS / {unit}", f"95 % within / {unit}", f"largest / {unit}", f"RMS / RMS of {own}"]
     return page.table(head, rows, best=0)
 
 
-def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> list[str]:
+def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibrated: bool) -> list[str]:
     in_ohm = tracked(run).in_ohm
     what = f"measured - wanted {'log10 R' if in_ohm else tracked(run).name}"
     texts = [
-        f"Errors are {what}, counted {COUNTED}. Conditioning, the approach to the first "
+        f"Errors are {what}, from the first row of the target to its last. Conditioning, the approach to the first "
         "value and the time to settle on it are not counted. All laws began at the same temperature on the same "
         "branch of the loop.",
     ]
+    if in_ohm:
+        texts.append("0.01 decades (dec) are 2.3 % of the resistance, 0.05 are 12 %.")
+    if calibrated:
+        texts.append("The law uses the model of the calibration (see its report).")
     if own in ("feedforward", "instrument_pid"):
         loops = {"feedforward": "No loop is closed", "instrument_pid": "The loop is closed by the controller's own PID"}
-        texts.append(f"{loops[own]} under this law, so there are no margins to report.")
+        texts.append(f"{loops[own]} under this law.")
         return [page.paragraph(text, "note") for text in texts]
-    ms, unit = f"{design['margins']['ms']:.2f}", drive_label(run)[1].replace("of full", "full")
-    texts.append(
-        f"The temperature PID was designed for a largest sensitivity of {ms} with a dead time of "
-        f"{design['dead_time_s']:g} s at a period of {design['period_s']:g} s."
-        if own != "pid"
-        else f"The PID on {'log R' if in_ohm else 'the output'} was designed for a largest sensitivity of {ms} at the "
-        f"film's steepest slope" + (f", {design['process_gain']:.3g} decades per {unit} and second." if in_ohm else ".")
-    )
-    if calibration is not None:
-        doubts = " ".join(calibration.get("identifiability", [])[:2])
-        texts.append(f"The law uses the model of the calibration (see its report). {doubts}")
-    return [page.paragraph(text, "note") for text in texts]
+    margins, unit = design["margins"], drive_label(run)[1].replace("of full", "full")
+    loop = "temperature" if own != "pid" else "log R" if in_ohm else "output"
+    values = [
+        (f"{margins['ms']:.2f}", "maximum sensitivity Ms: by how much the loop amplifies a disturbance at worst"),
+        (f"{margins['phase_margin_deg']:.0f}\N{DEGREE SIGN}", "phase margin"),
+        (f"{20 * math.log10(float(margins['gain_margin'])):.1f} dB", "gain margin"),
+    ]
+    if own != "pid":
+        values.append((f"{design['dead_time_s']:g} s", "dead time"))
+        values.append((f"{design['period_s']:g} s", "control period"))
+    elif in_ohm:
+        values.append((f"{design['process_gain']:.3g}", f"decades per {unit} and second, the film's steepest slope"))
+    control = page.details(f"Stability of the {loop} control loop", page.table(["value", "of"], values))
+    return [*(page.paragraph(text, "note") for text in texts), control]
 
 
 def _write_ended_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> None:
@@ -313,9 +351,7 @@ def _write_ended_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> 
     if events:
         parts.append(page.section("What happened last", page.table(["time / s", "what", "more"], events, kind="words")))
     title = what.removeprefix(LAW) if not what.startswith(LAW) else f"tracking a wanted {tracked(run).name}"
-    page.write_page(
-        out / "report.html", f"{run.path.name}: {title}, ended early", lead, [*parts, *_further(out, inner)]
-    )
+    page.write_page(out / "report.html", _titled(run, f"{title}, ended early"), lead, [*parts, *_further(out, inner)])
 
 
 def _events(path: Path) -> list[list[str]]:
@@ -338,14 +374,17 @@ def _write_calibration_page(run: RunRows, out: Path) -> None:
         f"(largest {result['check_max_dec']:.3f}) on {result['rows_checked']} rows that it was not fitted to."
     )
     low, high = result["transition_degC"]
+    film_error, plate_error = result["check_rmse_dec"], result["check_rmse_K"]
+    of_film = f"film model: RMS error of log R on held-out rows{in_brackets(judgement(film_error, 'dec', OF_MODEL))}"
+    of_plate = f"plate model: RMS error of the temperature from the {drive_label(run)[0]} on held-out rows"
     numbers = [
-        (f"{result['check_rmse_dec']:.4f} dec", "held-out RMSE of log R"),
-        (f"{result['rmse_dec']:.4f} dec", "RMSE of the fit"),
-        (f"{result['check_rmse_K'] * 1e3:.0f} mK", f"held-out RMSE of the temperature from the {drive_label(run)[0]}"),
+        (f"{film_error:.4f} dec = {percent(film_error)}", of_film),
+        (f"{result['rmse_dec']:.4f} dec", "film model: RMS error on fitted rows"),
+        (f"{plate_error * 1e3:.0f} mK", of_plate + in_brackets(judgement(plate_error, "K", OF_MODEL))),
         (f"{low:.0f}\N{EN DASH}{high:.0f} \N{DEGREE SIGN}C", "the transition"),
-        (result["memoryless"], "form of D(T), the part of log R without memory"),
-        (str(result["operators"]), "play operators with weight"),
     ]
+    form = [(result["memoryless"], "form of D(T), the part of log R without hysteresis")]
+    form.append((str(result["operators"]), "play operators of the film model"))
     plate = [
         (one["name"], one["value"], None if (error := one["standard_error"]) is None else NORMAL_95 * error)
         for one in result["plate"]
@@ -356,12 +395,13 @@ def _write_calibration_page(run: RunRows, out: Path) -> None:
     if predicted is not None:
         film.append(_residual(run, out, predicted))
     unknown = page.bullets(doubts) if doubts else page.paragraph("Nothing: it determines film and plate.")
+    film.append(page.details("The film model's form", page.table(["value", "of"], form)))
     parts = [_facts(run), page.tiles(numbers), page.section("The film", *film)]
     if result.get("transition"):
         parts.append(transition_section(out, result["transition"]))
     parts.append(page.section(NOT_DETERMINED, unknown))
     parts.append(page.section("The plate", plate_table(plate), _courses(run, out)))
-    page.write_page(out / "report.html", f"{run.path.name}: film and plate", lead, parts)
+    page.write_page(out / "report.html", _titled(run, "calibration of film and plate"), lead, parts)
 
 
 def _predicted(path: Path, rows: int) -> Array | None:

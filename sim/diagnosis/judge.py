@@ -110,6 +110,9 @@ def judged(
     verdict = verdict_of(bool(findings), bool(left))
     if sparse is not None and not findings and "temperature" not in left:
         verdict, next_experiment = "too_short", [f"record {sparse}", *next_experiment]
+    if verdict == "clean" and any(warning.code == "out_of_time" for warning in warnings):
+        verdict = "too_short"  # the time, not the record: effects that were not tried may be there
+        next_experiment = ["diagnose the record again with a larger --budget, or without", *next_experiment]
     return Diagnosis(
         verdict,
         tuple(findings),
@@ -277,5 +280,7 @@ def _in_words(share: float | None, fit: Fit, channel: str, own: _Units) -> str |
     key = "resistance_dec" if channel == "output" else "temperature_K"
     noise, size, unit = fit.metric.channels[channel == "output"].noise, own.size(key), own.unit(key)
     slow = noise.slow if noise.slow > 0.0 else share * noise.white
-    beyond = f"{size * slow:.2g} {unit} beyond the noise of {size * noise.white:.2g} {unit}"
-    return f"{beyond}, correlated over about {rough(noise.tau_s)} s"
+    text = f"a slow error of {size * slow:.2g} {unit} RMS in addition to the noise of {size * noise.white:.2g} {unit}"
+    if noise.tau_s > float(np.ptp(fit.joint.record.time_s)):
+        return f"{text}, correlated over the whole record"
+    return f"{text}, correlated over about {rough(noise.tau_s)} s"

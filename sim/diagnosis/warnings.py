@@ -30,9 +30,8 @@ def warnings_of(
         found.append(Caution("no_test_current", "no meter_current_A: self-heating was not judged"))
     if record.early > 0.0:
         text = (
-            f"the temperature bends before the rows in which the current changes: {record.early:.0%} of a change had "
-            "acted before its row, on average. The current changed between the rows, and no row has it: its mean there "
-            "was taken, and a prediction from it is off by more than the noise"
+            f"the current changed between the rows, where no row has it ({record.early:.0%} of a change had acted "
+            "before its row, on average): its mean was taken, so that the model's error is larger than the noise"
         )
         found.append(Caution("current_between_rows", text))
     if "output" in left:
@@ -106,5 +105,6 @@ def _coloured_noise(record: Record, fit: Fit) -> list[Caution]:
 
 def out_of_time(seconds: float) -> Caution:
     """Return the warning of a search that its time cut short."""
-    text = f"the search was ended by its budget of {seconds:.3g} s: this is the best result until then"
+    text = f"the search was ended by its budget of {seconds:.3g} s: this is the best result until then, and effects "
+    text += "that were not tried may be there"
     return Caution("out_of_time", text)

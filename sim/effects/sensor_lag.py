@@ -26,5 +26,5 @@ EFFECT = Effect(
     (Parameter("tau_s", 0.2, 30.0),),
     Filter(run, "thermometer"),
     "the thermometer lags behind the plate",
-    "bring the thermometer closer to the film; heat-conducting paste; measure slowly",
+    "better thermal contact of the thermometer to the plate; a smaller one; slower ramps",
 )

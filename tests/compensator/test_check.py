@@ -44,6 +44,7 @@ def test_a_flat_interval_is_where_nothing_moves() -> None:
     model = FilmModel(np.array([0.1, 0.2]), np.ones(2), *envelope, Memoryless("none"))
     still = next(f for f in check_model(model, 40.0, 80.0) if f.kind == "stands_still")
     assert still.where_degC is not None
+    assert "D(T)" not in still.what  # this film has none, and whoever reads of it looks for it in vain
     low, high = still.where_degC
     memory = model.simulate(np.array([high]), model.initial_memory(40.0, "heated"))[1]
     inside = model.simulate(np.linspace(high, low + 1e-6, 20), memory)[0]

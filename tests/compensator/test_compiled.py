@@ -82,7 +82,7 @@ def test_what_is_compiled_is_compiled_once(run: Callable[..., tuple[str, str]], 
     """And a line says so, once: seconds of silence look like a program that hangs."""
     out, err = run()
     assert out == "6.0 -3.0 1"
-    assert err.count("compiling numerical code, once") == 1
+    assert err.count("compiling numerical code at its first use") == 1
     assert run(PYTHONHASHSEED="7") == ("6.0 -3.0 0", "")
     assert len(files(tmp_path)) == 3
 

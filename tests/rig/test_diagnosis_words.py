@@ -7,10 +7,12 @@ from typing import Any, cast
 
 import pytest
 
-from rig.report.diagnosis_words import candidate_set, parameter, sentence
-from sim.diagnosis.result import Candidate, Caution, Finding, rough
+from rig.report.diagnosis_words import candidate_set, parameter, residual_words, sentence, verdict_words
+from sim.diagnosis.result import Candidate, Caution, Channel, Finding, rough
 from sim.inference.gain import Gain
 from sim.inference.record.quantity import RESISTANCE
+
+LOSS = "radiative_loss (radiated power / (heat capacity T\N{SUPERSCRIPT FOUR}) 2e-11 1/(K\N{SUPERSCRIPT THREE} s))"
 
 
 @pytest.mark.parametrize(
@@ -23,20 +25,20 @@ def test_two_digits_have_no_exponent(value: float, said: str) -> None:
 
 def test_an_interval_that_says_nothing_more_is_told_by_its_digits() -> None:
     assert parameter("step_K", 0.25, (0.25 - 2.5e-7, 0.25 + 2.5e-7)) == "step 0.25 K (to 6 digits)"
-    assert parameter("tau_s", 2.27, (2.25, 2.29)) == "tau 2.27 s (2.25 to 2.29)"
+    assert parameter("tau_s", 2.27, (2.25, 2.29)) == "time constant 2.27 s (2.25 to 2.29)"
 
 
 @pytest.mark.parametrize(
     ("named", "said"),
     [
-        (set(), "sensor_lag (tau 30 s); radiative_loss (loss 2e-11 1/(K\N{SUPERSCRIPT THREE} s))"),
+        (set(), "sensor_lag (time constant 30 s); " + LOSS),
         (
             {"sensor_lag"},
-            "radiative_loss (loss 2e-11 1/(K\N{SUPERSCRIPT THREE} s)), together with sensor_lag (here tau 30 s)",
+            LOSS + ", together with sensor_lag (here time constant 30 s)",
         ),
         (
             {"actuator_delay"},
-            "sensor_lag (tau 30 s); radiative_loss (loss 2e-11 1/(K\N{SUPERSCRIPT THREE} s)), without actuator_delay",
+            "sensor_lag (time constant 30 s); " + LOSS + ", without actuator_delay",
         ),
     ],
 )
@@ -57,6 +59,7 @@ def test_the_first_sentence_says_what_matters_most() -> None:
         verdict="explained", findings=(rounding, lag), warnings=(sink,), written="extended", unexplained={},
         channels={}, elsewhere=(), sources=("a.csv",), record=SimpleNamespace(quantity=RESISTANCE),
         search=SimpleNamespace(known={}),
+        drive=None,
     )  # fmt: skip
     said = sentence(found)
     places = [
@@ -71,5 +74,35 @@ def test_a_model_that_predicts_worse_elsewhere_is_said_so_first() -> None:
     found: Any = SimpleNamespace(
         verdict="partly_unexplained", findings=(lag,), warnings=(), written="base", unexplained={}, channels={},
         elsewhere=(), sources=("a.csv",), record=SimpleNamespace(quantity=RESISTANCE), search=SimpleNamespace(known={}),
+        drive=None,
     )  # fmt: skip
     assert sentence(found).startswith("The extended model predicts the held-out record worse than the base model")
+
+
+def found_nothing(verdict: str, *codes: str, error_K: float = 0.62) -> Any:
+    """A diagnosis without effects or structure; error_K: of held-out temperatures, at a noise of 0.134 K."""
+    return SimpleNamespace(
+        verdict=verdict, findings=(), warnings=tuple(Caution(code, f"the {code}") for code in codes), limits=(),
+        written="extended", unexplained={}, elsewhere=(), sources=("a.csv",), drive=None,
+        channels={"temperature_K": Channel(0.134, error_K, error_K, 18)},
+        record=SimpleNamespace(quantity=RESISTANCE), search=SimpleNamespace(known={}),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("codes", [(), ("out_of_time",), ("current_between_rows",)])
+def test_a_model_that_is_off_is_nowhere_said_to_leave_noise(codes: tuple[str, ...]) -> None:
+    """Else whoever reads one sentence uses the model, and whoever reads the other does not."""
+    found = found_nothing("too_short" if "out_of_time" in codes else "clean", *codes)
+    for text in (sentence(found), residual_words(found)):
+        assert "is noise" not in text
+        assert "Clean" not in text
+        assert "temperature by 4.6 times its noise" in text
+    assert verdict_words(found) == ("not decided" if "out_of_time" in codes else "no effect seen")
+    assert ("because the current changed between the rows" in sentence(found)) == ("current_between_rows" in codes)
+
+
+def test_a_search_that_the_budget_ended_says_so_first_and_clears_no_rig() -> None:
+    """Else effects that were never tried are taken for excluded."""
+    said = sentence(found_nothing("too_short", "out_of_time", error_K=0.135))
+    assert said == "The out_of_time. Not decided: no effect was found until then."
+    assert sentence(found_nothing("clean", error_K=0.135)) == "Clean: no effect is seen, and the residual is noise."

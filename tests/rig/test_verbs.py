@@ -285,7 +285,13 @@ def test_an_output_that_is_no_resistance(tmp_path: Path, peltier: Peltier) -> No
 def test_check_tells_who_answers_and_ends_off(peltier: Peltier, tmp_path: Path) -> None:
     status, out, err = peltier("check", write_bench(tmp_path), "--json", tmp_path / "c.json")
     assert (status, err) == (0, "")
-    for word in ("controller: Meerstetter", "meter: Keithley 2000", "limits read back: 4 A", "dead man 5 s", "STOP:"):
+    for word in (
+        "controller: Meerstetter",
+        "meter: Keithley 2000",
+        "limits read back: 4 A",
+        "dead man 5 s",
+        "switching off takes",
+    ):
         assert word in out
     result = json.loads((tmp_path / "c.json").read_text())
     assert result["output_off_confirmed"] is True

@@ -258,8 +258,8 @@ def plate_notes(fit: PlateFit, current_A: Array, longest_s: float, refit: Refit)
         times = fit.rmse_K / max(fit.noise.white, LEAST_NOISE_K)
         note = (
             f"The model is off by {fit.rmse_K:.2g} K (RMS), {times:.0f} times the thermometer's noise: something is "
-            "missing, such as a heat sink that warms up or a thermometer that lags, or a column is misread. The "
-            "parameters' errors are larger than their intervals."
+            "missing, such as a heat sink that warms up or a thermometer that lags, or a column is misread. The errors "
+            "of all plate parameters are larger than their 95 % intervals."
         )
         if fit.model.kind == "peltier":
             less_K = refit(-current_A, "peltier")

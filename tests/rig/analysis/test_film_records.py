@@ -17,7 +17,7 @@ from tests.rig.small import MODEL
 
 Peltier = Callable[..., tuple[int, str, str]]
 SEEN = "film_seen_degC = [45.0, 80.0]\n"
-LINE = "film_seen_degC: 2 temperatures lie beyond 45.0 to 80.0 degC, where the film was measured, up to 9"
+LINE = "film_seen_degC: 2 temperatures lie beyond 45.0 to 80.0 degC, where the film was measured; the furthest is 9"
 FILM = FilmModel(np.array([1.0]), np.array([0.1]), IDENTITY, IDENTITY, Memoryless("none"), "classical_pi")
 
 

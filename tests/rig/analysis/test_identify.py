@@ -103,7 +103,7 @@ def test_reports_of_identify_and_predict(peltier: Peltier, tmp_path: Path) -> No
             assert f'id="{name}-' in page
     page = (tmp_path / "i" / "report.html").read_text()
     assert "transition temperature on heating" in page
-    assert "FORC diagram: not drawn" in page
+    assert "(FORC): not drawn" in page
     assert json.loads((tmp_path / "i" / "identification.json").read_text())["transition"][0]["record"].endswith("r.csv")
     assert json.loads((tmp_path / "p" / "prediction.json").read_text())["rmse_dec"] < 0.006
 
@@ -156,4 +156,33 @@ def test_every_measured_record_ends_in_numbers_or_in_a_line(peltier: Peltier, me
         status, out, err = peltier("identify", file)
         assert status in (0, 2), file
         assert "Traceback" not in out + err
-        assert "plate: RMSE" in out if status == 0 else "expected" in err
+        assert "plate: RMS error" in out if status == 0 else "expected" in err
+
+
+def test_a_page_warns_of_what_the_terminal_does(tmp_path: Path, peltier: Peltier) -> None:
+    """Else "no warning" stands below a transition of which nothing is determined."""
+    late = columns(lambda u: 10.0**u, "resistance_ohm")
+    late["resistance_ohm"] = np.roll(late["resistance_ohm"], 8)  # 3 K of film lag on each ramp, less at its turns
+    write_columns(tmp_path / "late.csv", {name: values[8:] for name, values in late.items()})
+    status, out, _ = peltier(
+        "identify", tmp_path / "late.csv", "--kind", "generalized_pi", "--report", tmp_path / "page"
+    )
+    page = (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
+    assert status == 0
+    assert out.count("not determined, because the film model misses this record") == 1
+    assert "bad: more than 0.02 dec" in out
+    for text in ("The film model is bad", "none of the transition&#x27;s numbers can be given"):
+        assert text in page
+    assert "No warning" not in page
+
+
+def test_a_record_of_a_temperature_alone_says_what_its_other_column_is_good_for(
+    tmp_path: Path, peltier: Peltier
+) -> None:
+    """Else whoever follows the first hint is refused a second time, and learns nothing of the lamp's voltage."""
+    degC = 40.0 + 20.0 * np.sin(np.arange(100.0) / 10.0)
+    write_columns(tmp_path / "lamp.csv", {"time_s": np.arange(100.0), "temperature_degC": degC, "u_V": degC / 10.0})
+    status, _, err = peltier("diagnose", tmp_path / "lamp.csv")
+    assert status == 2
+    for text in ("Not used: u_V", "--column current_A=u_V@A", "share of full power"):
+        assert text in err

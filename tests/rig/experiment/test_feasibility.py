@@ -28,7 +28,7 @@ def told(folder: Path, target: str, kind: str) -> str:
 def test_a_temperature(tmp_path: Path, rate: float, faster: bool) -> None:
     """The plate heats by 2.2 K/s at 70 degC and cools by 1.1 K/s at 30 degC, at 4 A."""
     said = told(tmp_path, PROFILE.format(rate=rate), "temperature_profile")
-    assert ("the target is faster than the plate" in said) == faster
+    assert ("faster than the plate" in said) == faster
     assert ("with limits.current_A = 4 A" in said) == faster
 
 
@@ -36,7 +36,7 @@ def test_a_temperature(tmp_path: Path, rate: float, faster: bool) -> None:
 def test_a_resistance(tmp_path: Path, rate: float, faster: bool) -> None:
     """It crosses the loop at its turn, for which no target leaves time: that alone is not told."""
     said = told(tmp_path, RAMPS.format(rate=rate), "track_resistance")
-    assert ("the target is faster than the plate" in said) == faster
+    assert ("faster than the plate" in said) == faster
 
 
 @pytest.mark.parametrize(("seen_degC", "beyond"), [((40.0, 90.0), False), ((40.0, 62.0), True)])

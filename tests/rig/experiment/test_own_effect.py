@@ -53,7 +53,7 @@ def test_simulated_and_predicted(bench: Path, peltier: Peltier) -> None:
     (folder / "known.toml").write_text(MODEL + known)
     status, out, _ = peltier("predict", folder / "known.toml", folder / "r.csv", *words[:2])
     assert status == 0
-    assert "temperature: RMSE 0.0000 K" in out
+    assert "temperature: RMS error 0.0000 K" in out
 
 
 def test_from_the_configuration(bench: Path, peltier: Peltier) -> None:

@@ -129,7 +129,7 @@ def test_results_show_themselves(record: rig.Record) -> None:
     found = rig.identify(record)
     predicted = rig.predict(found, record)
     for shown in (found, predicted):
-        assert "RMSE" in str(shown)
+        assert "RMS error" in str(shown)
         assert shown._repr_html_().count("<svg") == 1
         assert [axes.lines for axes in shown.plot().axes]
     plate = rig.identify({name: record[name] for name in ("time_s", "temperature_degC", "current_A")})
