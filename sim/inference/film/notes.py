@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from compensator.hysteresis.film import FilmModel, reversal_jumps
 from compensator.hysteresis.functions import Array
-from sim.inference.film.fit import Prepared
 from sim.inference.film.preisach_density import slope_density
 from sim.model.record_own import FilmStart
+
+if TYPE_CHECKING:
+    from sim.inference.film.fit import Prepared
 
 # at different temperatures inside the transition: at fewer, minor loops between them are extrapolated
 ENOUGH_REVERSALS: Final = 5

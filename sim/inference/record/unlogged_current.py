@@ -26,7 +26,7 @@ EARLIER: Final = 5  # changes before: what a lag of some rows still shows of the
 TOGETHER: Final = 4  # rows over which the noise of a bend hangs together: two, and a little that the plate adds
 FEWEST: Final = 100  # bends
 ROUNDING: Final = 1e-9  # of a leverage of 1
-LEAST: Final = 0.01  # of what acts from the row on: less is the rounding of a record without noise
+LEAST: Final = 0.1  # of what acts from the row on: rows a fifth of the plate's own time long bend as much by themselves
 MOST: Final = 0.5  # of a row's change: the mean, where it may have begun anywhere between two rows
 
 
@@ -56,8 +56,10 @@ def acted_before(time_s: Array, temperature_degC: Array, current_A: Array, broke
     for lag in range(1, TOGETHER + 1):
         cross = score[lag:].T @ score[:-lag]
         spread += (1.0 - lag / (TOGETHER + 1)) * (cross + cross.T)
-    deviation = float(np.sqrt((inverse @ spread @ inverse)[0, 0]))
-    before, after = float(a[0] * np.sign(a[1])), abs(float(a[1]))
-    if before <= max(SURE * deviation, LEAST * after):
+    covariance = inverse @ spread @ inverse
+    later = float(np.sum(a[1:-1]))  # of a command that is delayed hardly anything comes in the first of these rows
+    before, after = float(a[0] * np.sign(later)), abs(later)
+    deviation, of_after = float(np.sqrt(covariance[0, 0])), float(np.sqrt(np.sum(covariance[1:-1, 1:-1])))
+    if before <= max(SURE * deviation, LEAST * after) or after <= SURE * of_after:
         return 0.0
     return min(before / (before + after), MOST)
