@@ -56,10 +56,9 @@ def acted_before(time_s: Array, temperature_degC: Array, current_A: Array, broke
     for lag in range(1, TOGETHER + 1):
         cross = score[lag:].T @ score[:-lag]
         spread += (1.0 - lag / (TOGETHER + 1)) * (cross + cross.T)
-    covariance = inverse @ spread @ inverse
-    later = float(np.sum(a[1:-1]))  # of a command that is delayed hardly anything comes in the first of these rows
-    before, after = float(a[0] * np.sign(later)), abs(later)
-    deviation, of_after = float(np.sqrt(covariance[0, 0])), float(np.sqrt(np.sum(covariance[1:-1, 1:-1])))
-    if before <= max(SURE * deviation, LEAST * after) or after <= SURE * of_after:
+    deviation = np.sqrt(np.diag(inverse @ spread @ inverse))
+    j = 1 + int(np.argmax(np.abs(a[1:-1])))  # of a delayed command most comes in a later row
+    before, after = float(a[0] * np.sign(a[j])), abs(float(a[j]))
+    if before <= max(SURE * deviation[0], LEAST * after) or after <= SURE * deviation[j]:
         return 0.0
     return min(before / (before + after), MOST)
