@@ -23,7 +23,8 @@ from rig.records.film_output import FALLING_RESISTANCE, column_of, unit_of
 from rig.records.record_file import Record
 from sim.inference.covariance import NORMAL_95
 from sim.inference.film.compression import Compression, compress
-from sim.inference.film.fit import FilmFit, FilmRecord, identify_film_records
+from sim.inference.film.fit import FilmFit, identify_film_records
+from sim.inference.film.rows import FilmRecord
 from sim.inference.plate.fit import PlateFit, PlateRecord, identify_plate_records
 from sim.model.inputs import logged_inputs
 

@@ -19,8 +19,9 @@ from threadpoolctl import threadpool_limits
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
-from sim.inference.film.fit import FilmRecord, film_model, identify_film_records, nearest_curve
+from sim.inference.film.fit import film_model, identify_film_records, nearest_curve
 from sim.inference.film.memoryless_forms import SIMPLEST_FIRST, Form
+from sim.inference.film.rows import FilmRecord
 from sim.inference.joint.films import PIFilm, PreisachFilm
 from sim.inference.joint.held_out import simulated
 from sim.inference.joint.likelihood import Fit

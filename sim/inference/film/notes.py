@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from compensator.hysteresis.film import FilmModel, reversal_jumps
 from compensator.hysteresis.functions import Array
 from sim.inference.film.preisach_density import slope_density
+from sim.inference.film.rows import Prepared
 from sim.model.record_own import FilmStart
-
-if TYPE_CHECKING:
-    from sim.inference.film.fit import Prepared
 
 # at different temperatures inside the transition: at fewer, minor loops between them are extrapolated
 ENOUGH_REVERSALS: Final = 5

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rig.experiment.calibration import own_pauses, through_pauses
-from sim.inference.film.fit import FilmRecord, prepare
+from sim.inference.film.rows import FilmRecord, prepare
 from tests.rig.small import write_bench
 
 # What is looked up in the cache of compiled loops after the first pulse would be compiled there, if it were empty.

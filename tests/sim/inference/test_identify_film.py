@@ -11,8 +11,9 @@ import pytest
 
 from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
-from sim.inference.film.fit import FilmFit, FilmRecord, identify_film, identify_film_records
+from sim.inference.film.fit import FilmFit, identify_film, identify_film_records
 from sim.inference.film.notes import _minor_loops
+from sim.inference.film.rows import FilmRecord
 from sim.inference.plate.fit import identify_plate
 from tests.sim.inference.identification_films import (
     decaying_profile,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.inference.film.fit import FilmRecord, identify_film, identify_film_records, prepare
+from sim.inference.film.fit import identify_film, identify_film_records
+from sim.inference.film.rows import FilmRecord, prepare
 from tests.sim.inference.identification_films import decaying_profile, is_prandtl_ishlinskii, through
 
 NOISE = 0.002
