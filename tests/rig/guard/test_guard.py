@@ -324,28 +324,28 @@ def test_beside_a_process_that_no_signal_ends_the_output_is_switched_off(tmp_pat
     without a dead man would heat until somebody comes by."""
     path = write_bench(tmp_path)
     path.write_text(path.read_text().replace('driver = "meerstetter"', 'driver = "te_technology"'))
-    instruments = {role: one for role, _, one in emulated_instruments(read_configuration(path), 0.0)}
+    instruments = {role: one for role, _, one in emulated_instruments(read_configuration(path), -3.0)}
     controller: Any = instruments["controller"]
     controller.values["power on"] = 1
-    controller.receive(b"*000100000000e1\r", 1.0)  # its loops are compiled before it has to answer in time
-    controller.transmit(2.0)
+    controller.receive(b"*000100000000e1\r", -2.0)  # its loops are compiled before it has to answer in time
+    controller.transmit(-1.0)
     with PseudoTerminals(instruments) as terminals:
         port = terminals.paths["controller"] if there else "/dev/ttyNOPE7"
         work = f"guard.holds('controller', 'te_technology', {port!r}, {{}})\n    guard.busy()\n    time.sleep(60.0)"
         code = UNENDING + CHILD.format(work=work)
         process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
         assert process.stderr is not None
-        try:
-            said = [process.stderr.readline(), process.stderr.readline()]
-        finally:
-            process.kill()  # its child dies with it
-            process.wait()
+        with process.stderr:
+            try:
+                said = [process.stderr.readline(), process.stderr.readline()]
+            finally:
+                process.kill()  # its child dies with it
+                process.wait()
         assert controller.values["power on"] == (0 if there else 1)
     assert "ending it" in said[0]
     assert "does not end, not even of SIGKILL" in said[1]
     assert ("output off, confirmed by the controller" in said[1]) is there
     assert ("OUTPUT NOT CONFIRMED OFF" in said[1]) is not there
-    process.stderr.close()
 
 
 def test_a_silence_for_the_dead_man_and_an_idle_process_are_no_hanging_loop() -> None:
