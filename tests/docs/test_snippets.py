@@ -55,7 +55,7 @@ COMMAND = re.compile(
 NOT_RUN = re.compile(r"#.*not run by the tests: \S+|\(not run by the tests: \S+")
 LASTING = ("serve", "emulate", "epics", "overview")  # verbs that go on until they are stopped
 OTHER = {  # indented blocks that are for reading: a page's name and how the block begins
-    "docs/diagnosis.md": ["Explained: the film"],
+    "docs/diagnosis.md": ["Explained: the heat sink warms up"],
     "docs/epics.md": ["epics RIG ca"],
     "docs/many.md": ["Meerstetter TEC-1091"],
     "docs/own_driver.md": ["def _ask"],
