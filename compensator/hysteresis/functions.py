@@ -1,6 +1,8 @@
 """The scalar functions that envelopes and memoryless functions are made of, compiled.
 
     envelope:    gamma(v) = f(a v + b)                                  paper eqs (28), (29)
+                 f: tanh, erf, arctan (2/pi atan) or linear: switching temperatures whose spread has the tails of a
+                 logistic, a normal or a Cauchy distribution
     memoryless:  D(v)     = amplitude * f(a v + b) + offset             paper eqs (30), (31)
                  D(v)     = sum_k coefficients[k] v^k + offset          "polynomial", lowest power first
                  D(v)     = amplitude / (v + 273.15) + offset           "arrhenius"
@@ -26,7 +28,13 @@ from numpy.typing import NDArray
 
 from compensator.compiled import njit
 
-ENVELOPE_CODES: Final = {"linear": 0, "tanh": 1}  # by which compiled loops know them
+ENVELOPE_CODES: Final = {"linear": 0, "tanh": 1, "erf": 2, "arctan": 3}  # by which compiled loops know them
+ERF_SLOPE: Final = 2.0 / math.sqrt(math.pi)  # of erf at 0
+ARCTAN_SLOPE: Final = 2.0 / math.pi  # of (2/pi) atan at 0
+WINITZKI: Final = (
+    0.147  # of his formula for the inverse of erf (2008), within 2e-3 of it: Newton's method does the rest
+)
+ROUNDS: Final = 4  # of Newton's method: to the last digits
 MEMORYLESS_CODES: Final = {  # the same of D
     "none": 0,
     "tanh": 1,
@@ -68,14 +76,17 @@ def envelope(code: float, a: float, b: float, v: float) -> tuple[float, float]:
     if code == 1.0:
         value, slope = tanh_and_slope(s)
         return value, a * slope
+    if code == 2.0:
+        return math.erf(s), a * ERF_SLOPE * math.exp(-s * s)
+    if code == 3.0:
+        return ARCTAN_SLOPE * math.atan(s), a * ARCTAN_SLOPE / (1.0 + s * s)
     return s, a
 
 
 @njit
 def envelope_value(code: float, a: float, b: float, v: float) -> float:
     """Return the value of an envelope function at v in degC: the same bits as `envelope` gives."""
-    s = a * v + b
-    return tanh_and_slope(s)[0] if code == 1.0 else s
+    return tanh_and_slope(a * v + b)[0] if code == 1.0 else envelope(code, a, b, v)[0]
 
 
 @njit
@@ -96,19 +107,35 @@ def envelope_inverse(code: float, a: float, b: float, value: float) -> float:
         return math.inf
     if value <= -1.0:
         return -math.inf
-    return (0.5 * math.log((1.0 + value) / (1.0 - value)) - b) / a
+    if code == 1.0:
+        return (0.5 * math.log((1.0 + value) / (1.0 - value)) - b) / a
+    return ((_erf_inverse(value) if code == 2.0 else math.tan(value / ARCTAN_SLOPE)) - b) / a
+
+
+@njit
+def _erf_inverse(value: float) -> float:
+    rest = math.log((1.0 - value) * (1.0 + value))
+    half = 2.0 / (math.pi * WINITZKI) + 0.5 * rest
+    s = math.copysign(math.sqrt(math.sqrt(half * half - rest / WINITZKI) - half), value)
+    for _ in range(ROUNDS):
+        # near the ends erfc keeps the digits that erf loses
+        error = math.erfc(-s) - (1.0 + value) if s < 0.0 else (1.0 - value) - math.erfc(s)
+        s -= error * math.exp(s * s) / ERF_SLOPE
+    return s
 
 
 @njit
 def envelope_limits(code: float, a: float) -> tuple[float, float]:
     """Return the values of an increasing envelope (a > 0) at v = -inf and v = +inf."""
-    return (-1.0, 1.0) if code == 1.0 else (-math.inf, math.inf)
+    return (-math.inf, math.inf) if code == 0.0 else (-1.0, 1.0)
 
 
 @njit
-def envelope_inflection(code: float, a: float, b: float) -> float:
-    """Return the one v at which the envelope is steepest or flattest; nan where its slope is monotone."""
-    return -b / a if code == 1.0 else math.nan
+def envelope_steepest(code: float, a: float, b: float) -> tuple[float, float]:
+    """Return the one v at which the envelope is steepest, and its slope there; nan where its slope is everywhere a."""
+    if code == 0.0:
+        return math.nan, a
+    return -b / a, a if code == 1.0 else a * (ERF_SLOPE if code == 2.0 else ARCTAN_SLOPE)
 
 
 @njit

@@ -38,8 +38,8 @@ from compensator.hysteresis.functions import (
     FIRST_COEFFICIENT,
     Array,
     envelope,
-    envelope_inflection,
     envelope_inverse,
+    envelope_steepest,
     lean,
     memoryless,
 )
@@ -214,9 +214,8 @@ def bounds(
     if envelopes.shape[0] == 1:
         code, a, b = envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2]
         flat, steep = min(p[SLOPE], q[SLOPE]), max(p[SLOPE], q[SLOPE])
-        centre = envelope_inflection(code, a, b)
+        centre, at_centre = envelope_steepest(code, a, b)
         if low < centre < high:
-            at_centre = envelope(code, a, b, centre)[1] if code != 1.0 else a
             flat, steep = min(flat, at_centre), max(steep, at_centre)
         already, at_last = 0.0, 0.0
         for j in range(radii.size):
@@ -232,9 +231,8 @@ def bounds(
             if gammas[y, j] - radii[j] <= side * memory[j]:
                 continue
             flat, steep = min(slopes[x, j], slopes[y, j]), max(slopes[x, j], slopes[y, j])
-            centre = envelope_inflection(code, a, b)
+            centre, at_centre = envelope_steepest(code, a, b)
             if low < centre < high:
-                at_centre = envelope(code, a, b, centre)[1] if code != 1.0 else a
                 flat, steep = min(flat, at_centre), max(steep, at_centre)
             if gammas[x, j] - radii[j] >= side * memory[j]:
                 least += weights[j] * flat
@@ -461,6 +459,8 @@ def common_root(
                     slope_there = a
                 elif code == 1.0:
                     slope_there = a * (1.0 - g * g)
+                elif abs(g) < 1.0:
+                    slope_there = envelope(code, a, b, side * (z + step))[1]
                 error = step * (e1 + 0.5 * step * e2) - kappa * (g - gamma)
                 total = e1 + e2 * step + moving * slope_there
                 if total > 0.0:

@@ -32,7 +32,7 @@ Drive = Literal["current", "temperature"]
 class EnvelopeTable(Table):
     """gamma(v) = f(a v + b), v in degC: paper eqs (28), (29)."""
 
-    function: Literal["tanh", "linear"]
+    function: Literal["tanh", "erf", "arctan", "linear"]
     a: float = Field(gt=0.0, le=LARGEST)
     b: Number
 

@@ -21,6 +21,7 @@ from sim.inference.joint.starts import (
     in_domains,
     remembered,
     restarted,
+    with_other_envelopes,
     with_pi_film,
     with_plate_anew,
     with_preisach_film,
@@ -225,7 +226,7 @@ class Search:
         self.say(f"effects so far: {named(fit)}")
         anew, other_film = False, None
         while len(fit.effects) < MOST_EFFECTS + len(self.assumed) and not self.over():
-            fit = self.finer(fit)
+            fit = self.finer(self.enveloped(fit))
             better = self.larger(fit)
             if isinstance(fit.joint.film, PIFilm) and "output" in left_over(fit):
                 if better is None and not anew:
@@ -259,6 +260,14 @@ class Search:
         better = self.pruned(self.likelier_module(better) if found.effects[-1].before_film else better)
         went_again = better.effects == fit.effects and better.log_likelihood <= fit.log_likelihood + WORTH
         return None if went_again else better
+
+    def enveloped(self, fit: Fit) -> Fit:
+        """The fit with envelopes of another function, where something is left and that is likelier."""
+        if not isinstance(fit.joint.film, PIFilm) or "output" not in left_over(fit):
+            return fit
+        first = max(with_other_envelopes(fit), key=lambda f: f.log_likelihood)
+        other = first.joint.fit(first.at.x, first.metric, first.at.known_own, most=fit.most)
+        return self.of_film(other, fit) or fit
 
     def finer(self, fit: Fit) -> Fit:
         """The fit with the radii of a PI film closer to each other, where something is left and that takes it away."""

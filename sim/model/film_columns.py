@@ -16,22 +16,23 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from compensator.compiled import njit
-from compensator.hysteresis.functions import Array
+from compensator.hysteresis.functions import ENVELOPE_CODES, Array
 from sim.model.film_nodes import FilmNodes
-from sim.model.operator_outputs import envelope_values, operator_outputs
+from sim.model.operator_outputs import envelopes_along, operator_outputs
 
 KNOTS = 7  # of a smooth D over the record's range, which bends less often
 SIMPLE = 3  # degree of what D has of simple form
 GRID = 400
 
 
-def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
-    """Return each operator's output at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
+def operator_columns(nodes: FilmNodes, shape: Array, radii: Array, function: str) -> Array:
+    """Return each operator's output at the points, shape (points, operators). shape: (log a_R, c_R, log a_L, c_L) of
+    envelopes of a function."""
     inputs, side = film_path(nodes)
-    gamma = envelope_values(inputs, side, shape[None, :])
+    gamma = envelopes_along(inputs, side, shape, float(ENVELOPE_CODES[function]))
     rows = nodes.points + (inputs.size - nodes.time_s.size)
     out = np.empty((rows.size, radii.size))
-    operator_outputs(gamma, side, radii, np.zeros(radii.size, dtype=np.int64), 1.0, rows, out)
+    operator_outputs(gamma, side, radii, 1.0, rows, out)
     return out
 
 
@@ -40,8 +41,7 @@ def play_columns(nodes: FilmNodes, half_width_K: Array) -> Array:
     inputs, side = film_path(nodes)
     rows = nodes.points + (inputs.size - nodes.time_s.size)
     out = np.empty((rows.size, half_width_K.size))
-    group = np.zeros(half_width_K.size, dtype=np.int64)
-    operator_outputs(np.ascontiguousarray(inputs[:, None]), side, half_width_K, group, np.inf, rows, out)
+    operator_outputs(inputs, side, half_width_K, np.inf, rows, out)
     return out
 
 

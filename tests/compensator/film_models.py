@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
+from compensator.hysteresis.functions import envelope_values
 
 MEMORYLESS = ("none", "tanh", "sin", "cos", "linear", "polynomial", "arrhenius")
 Rng = np.random.Generator
@@ -79,9 +81,10 @@ def any_memoryless(rng: Rng, scale: float) -> Memoryless:
 def monotone_model(rng: Rng) -> FilmModel:
     """A monotone extended generalized PI model that keeps the order condition."""
     count = int(rng.integers(1, 31))
-    rising, falling = tanh_envelope(rng), tanh_envelope(rng)
+    function = str(rng.choice(["tanh", "tanh", "erf", "arctan"]))
+    rising, falling = (replace(tanh_envelope(rng), function=function) for _ in range(2))
     v = np.linspace(-60.0, 210.0, 20001)
-    gap = np.tanh(rising.a * v + rising.b) - np.tanh(falling.a * v + falling.b)
+    gap = envelope_values(np.array(rising.row()), v) - envelope_values(np.array(falling.row()), v)
     least = max(0.5 * float(gap.max()), 0.0) + 1e-6
     radii = np.sort(rng.uniform(least, max(least + 0.1, 1.0), count))
     return FilmModel(radii, rng.uniform(0.0, 0.3, count), rising, falling, increasing(rng))
@@ -114,11 +117,11 @@ def any_model(rng: Rng) -> FilmModel:
 
 
 def any_envelope(rng: Rng) -> Envelope:
-    """A tanh, or now and then a straight line of about the same steepness."""
+    """Often a tanh, else another function of about the same steepness."""
     curve = tanh_envelope(rng)
-    if rng.random() < 0.85:
-        return curve
-    return Envelope("linear", 0.2 * curve.a, 0.2 * curve.b)
+    if rng.random() < 0.15:
+        return Envelope("linear", 0.2 * curve.a, 0.2 * curve.b)
+    return replace(curve, function=str(rng.choice(["tanh", "tanh", "erf", "arctan"])))
 
 
 def damped_path(rng: Rng, samples: int, low: float = 10.0, high: float = 95.0) -> np.ndarray:
@@ -148,10 +151,6 @@ def table_2(generalized: bool) -> FilmModel:
 def plain_outputs(model: FilmModel, inputs: np.ndarray, memory: Memory) -> np.ndarray:
     """The model sample by sample in plain Python with math.tanh, written from eqs (6), (9): a second opinion."""
 
-    def gamma(envelope: Envelope, v: float) -> float:
-        s = envelope.a * v + envelope.b
-        return math.tanh(s) if envelope.function == "tanh" else s
-
     count = model.operators
     rising = model.rising if isinstance(model.rising, tuple) else (model.rising,) * count
     falling = model.falling if isinstance(model.falling, tuple) else (model.falling,) * count
@@ -159,14 +158,25 @@ def plain_outputs(model: FilmModel, inputs: np.ndarray, memory: Memory) -> np.nd
     for v in inputs:
         for j in range(count):
             if v > before:
-                plays[j] = max(gamma(rising[j], v) - model.radii[j], plays[j])
+                plays[j] = max(plain_envelope(rising[j], v) - model.radii[j], plays[j])
             elif v < before:
-                plays[j] = min(gamma(falling[j], v) + model.radii[j], plays[j])
+                plays[j] = min(plain_envelope(falling[j], v) + model.radii[j], plays[j])
         before = v
         outputs.append(
             plain_memoryless(model.memoryless, v) + sum(p * w for p, w in zip(model.weights, plays, strict=True))
         )
     return np.array(outputs)
+
+
+def plain_envelope(envelope: Envelope, v: float) -> float:
+    """gamma(v), written from eqs (28), (29)."""
+    s = envelope.a * v + envelope.b
+    match envelope.function:
+        case "linear":
+            return s
+        case "arctan":
+            return math.atan(s) / (0.5 * math.pi)
+    return float(getattr(math, envelope.function)(s))
 
 
 def plain_memoryless(d: Memoryless, v: float) -> float:

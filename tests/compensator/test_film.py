@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memory, Memoryless
+from compensator.hysteresis.functions import envelope, envelope_inverse, envelope_steepest, envelope_value
 from tests.compensator.film_models import any_model, damped_path, plain_outputs, table_2
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -42,6 +43,21 @@ def test_streaming_and_batch_give_the_same_bits(seed: int, cut: int) -> None:
     first, memory = model.simulate(inputs[:cut], start)
     second, memory = model.simulate(inputs[cut:], memory)
     assert np.array_equal(outputs, np.concatenate([first, second]))
+
+
+@pytest.mark.parametrize("function", ["tanh", "erf", "arctan", "linear"])
+def test_an_envelope_s_slope_and_inverse_are_its_own(function: str) -> None:
+    """Of a wrong slope the inverse takes longer; of a wrong inverse, too: no test of its result would show either."""
+    code, a, b = Envelope(function, 0.2, -11.6).row()
+    for v in np.linspace(40.0, 78.0, 39):
+        value, slope = envelope(code, a, b, v)
+        assert value == envelope_value(code, a, b, v)
+        assert envelope_inverse(code, a, b, value) == pytest.approx(v, abs=1e-7)
+        both = envelope_value(code, a, b, v + 1e-4) - envelope_value(code, a, b, v - 1e-4)
+        assert slope == pytest.approx(both / 2e-4, rel=1e-5)
+    steepest, most = envelope_steepest(code, a, b)
+    assert most == pytest.approx(envelope(code, a, b, 58.0)[1])
+    assert function == "linear" or steepest == pytest.approx(58.0)
 
 
 @pytest.mark.parametrize("initial", ["cooled", "heated"])
@@ -87,7 +103,7 @@ def test_envelopes_and_memoryless_functions_refuse_what_they_cannot_be() -> None
     with pytest.raises(ValueError, match="increasing"):
         Envelope("tanh", -0.1, 0.0)
     with pytest.raises(ValueError, match="none of"):
-        Envelope("erf", 0.1, 0.0)
+        Envelope("sin", 0.1, 0.0)
     with pytest.raises(ValueError, match="none of"):
         Memoryless("step")
     with pytest.raises(ValueError, match="finite"):

@@ -38,7 +38,7 @@ SHAPE = np.array([np.log(0.2), 62.0, np.log(0.2), 58.0])  # log a_R, c_R, log a_
 FRACTIONS = np.arange(6) / 6
 WEIGHTS = np.array([0.35, 0.25, 0.15, 0.1, 0.08, 0.07])
 D = (-5.0, 0.02, -1e-4, 1e-6)  # c_k v^k
-FLOOR = radius_floor(SHAPE)[0]
+FLOOR = radius_floor(SHAPE, 1.0)  # of tanh
 FILM = FilmModel(
     FLOOR + (1.0 - FLOOR) * FRACTIONS,
     WEIGHTS,

@@ -44,7 +44,7 @@ from sim.inference.film.rows import (
 from sim.inference.gain import rms
 from sim.inference.joint.films import NamedCurve, PIFilm, PreisachFilm
 from sim.inference.joint.likelihood import Fit, Joint, Point
-from sim.inference.joint.starts import film_starts, first_metric, remembering, with_film_of
+from sim.inference.joint.starts import film_starts, first_metric, remembering, with_film_of, with_other_envelopes
 from sim.inference.nnls import reduced, solve_triangle
 from sim.inference.noise import ChannelNoise, Metric, Noise, estimate, rough_noise, variances
 from sim.inference.nuisance import WORTH as WORTH_OF_MEMORY
@@ -297,7 +297,17 @@ class _Search:
             if joint is fit.joint:
                 break
             fit = self._settled(joint, at.x)
-        return fit
+        return self._enveloped(fit) if self._leaves_more(fit) else fit
+
+    def _enveloped(self, fit: Fit) -> Fit:
+        """The likeliest fit with envelopes of any function."""
+        other = max(with_other_envelopes(fit), key=lambda f: f.log_likelihood)
+        return max(fit, self._settled(other.joint, other.at.x), key=lambda f: f.log_likelihood)
+
+    def _leaves_more(self, fit: Fit) -> bool:
+        """Whether more is left than white noise."""
+        residual, readings = fit.at.residual_dec, fit.joint.readings()[1]
+        return estimate(residual, readings, self.least).white <= WORTH * rms(residual)
 
     def _between(self, start: FilmStart) -> FilmStart:
         """The memory with which each further record begins in saturation, at the end that it begins nearer to."""
@@ -364,10 +374,9 @@ class _Search:
         """The Preisach density in place of a PI film, where it predicts better or is needed; else that film. No film
         predicts to within less than the white noise. A film that suits better shows better, too, what it remembers: of
         another memory all densities are tried again."""
-        residual, readings = film.at.residual_dec, film.joint.readings()[1]
         if self.kind is not None:
             held_out = math.inf
-        elif estimate(residual, readings, self.least).white > WORTH * rms(residual):
+        elif not self._leaves_more(film):
             return film, [], held_out
         pi, best = film.joint.film, film
         candidates: list[Candidate] = []
@@ -548,7 +557,8 @@ def film_model(fit: Fit, kind: str | None = None) -> FilmModel:
     kept[0] |= not np.any(kept)  # a film without any hysteresis
     if isinstance(film, PIFilm):
         slopes, centres = np.exp(values[[0, 2]]), values[[1, 3]]
-        rising, falling = (Envelope("tanh", a, -a * c) for a, c in zip(slopes.tolist(), centres.tolist(), strict=True))
+        each = zip(slopes.tolist(), centres.tolist(), strict=True)
+        rising, falling = (Envelope(film.function, a, -a * c) for a, c in each)
         kind = kind or ("generalized_pi" if memoryless.function == "none" else "extended_generalized_pi")
         radii = film.radii(values)[kept]
         return FilmModel(radii, weights[kept], rising, falling, memoryless, kind, initial=film.start.initial)

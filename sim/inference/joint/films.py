@@ -1,6 +1,6 @@
 """Forms of film that a record can have: columns of a linear model, for given values of a few nonlinear unknowns.
 
-    PI film         y = D(T) + sum_j c_j F_j[T],  F_j generalized plays with two tanh envelopes, radii evenly spaced
+    PI film         y = D(T) + sum_j c_j F_j[T],  F_j generalized plays with two envelopes, radii evenly spaced
     Preisach film   y = D(T) + sum_j c_j tanh(s_j (F_h[T] - centre_j)),  F_h classical plays of half-width h
 
 D(T) is a smooth curve of either sign over the record's range (`SmoothCurve`): a straight line by its first coefficient,
@@ -17,7 +17,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.hysteresis.functions import Array
+from compensator.hysteresis.functions import ENVELOPE_CODES, Array, envelope_inverse
 from sim.inference.film.memoryless_forms import Form
 from sim.inference.film.preisach_density import PreisachDensity
 from sim.inference.joint.domains import Relays
@@ -27,6 +27,7 @@ from sim.model.film_nodes import FilmNodes
 from sim.model.operator_outputs import radius_floor
 from sim.model.record_own import FilmStart
 
+ENVELOPES: Final = ("tanh", "erf", "arctan")  # that saturate: with the tails of the usual spreads
 OPERATORS: Final = 48  # radii: finer than a usual noise can tell apart, and
 FINER: Final = 4  # times as many where it can
 CONSTANT_DEC: Final = 30.0  # prior deviation of the offset: any resistance there is
@@ -100,7 +101,7 @@ def _free(curve: Curve) -> int:
 @dataclass(frozen=True, eq=False)
 class PIFilm:
     """A generalized Prandtl-Ishlinskii film with D(T). ordered: whether its radii keep the order condition below paper
-    eq (6); places: of the radii between the smallest that is allowed and 1, (operators,)."""
+    eq (6); places: of the radii between the smallest that is allowed and 1, (operators,); function: envelopes'."""
 
     curve: Curve
     centres_degC: tuple[float, float]
@@ -110,6 +111,7 @@ class PIFilm:
     operators: int = OPERATORS
     ordered: bool = False
     chosen: Array | None = None
+    function: str = "tanh"
 
     @cached_property
     def places(self) -> Array:
@@ -117,8 +119,16 @@ class PIFilm:
 
     def radii(self, values: Array) -> Array:
         """Return the radii for given values of the unknowns."""
-        floor = radius_floor(values[:4])[0] if self.ordered else 0.0
+        floor = radius_floor(values[:4], float(ENVELOPE_CODES[self.function])) if self.ordered else 0.0
         return np.asarray(floor + (1.0 - floor) * self.places)
+
+    def enveloped(self, function: str, values: Array) -> tuple[PIFilm, Array]:
+        """The same with envelopes of another function, and the values of the unknowns at which half of each transition
+        is as wide."""
+        half, of_other = (envelope_inverse(float(ENVELOPE_CODES[f]), 1.0, 0.0, 0.5) for f in (self.function, function))
+        values = values.copy()
+        values[[0, 2]] += math.log(of_other / half)
+        return replace(self, function=function), values
 
     def finer(self) -> PIFilm:
         """The same with its radii closer to each other."""
@@ -148,7 +158,8 @@ class PIFilm:
         return _free(self.curve)
 
     def columns(self, values: Array, nodes: FilmNodes) -> Array:
-        return _with_curve(self.curve_at(values), nodes, operator_columns(nodes, values[:4], self.radii(values)))
+        operators = operator_columns(nodes, values[:4], self.radii(values), self.function)
+        return _with_curve(self.curve_at(values), nodes, operators)
 
     def curve_at(self, values: Array) -> Curve:
         """Return D's curve for given values of the unknowns."""

@@ -13,7 +13,7 @@ from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import Kind
 from sim.effects.effect import Effect
 from sim.inference.film.preisach_density import relays_over
-from sim.inference.joint.films import Curve, PIFilm, PreisachFilm, curve_over
+from sim.inference.joint.films import ENVELOPES, Curve, PIFilm, PreisachFilm, curve_over
 from sim.inference.joint.likelihood import ROUNDS, SETTLED, Fit, Joint, Point, TwoChannels
 from sim.inference.joint.plate_starts import rough_balances
 from sim.inference.memory import begun, gaps_of, through_gaps
@@ -134,6 +134,22 @@ def film_starts(
         for apart in (0.5 * share * width for share in SHARES)
         for factor in STEEPER
     ]
+
+
+def with_other_envelopes(fit: Fit) -> list[Fit]:
+    """The fit of a PI film with envelopes of each other function, after a few steps."""
+    film, values = fit.joint.film, fit.at.x[fit.joint.is_film]
+    assert isinstance(film, PIFilm)
+    metric = fit.metric.tight() if fit.metric.simulated else fit.metric
+    fits = []
+    for function in ENVELOPES:
+        if function != film.function:
+            x = fit.at.x.copy()
+            other, x[fit.joint.is_film] = film.enveloped(function, values)
+            joint = fit.joint.having(fit.effects, other)
+            at = joint.descend(joint.solve(x, metric, fit.at.known_own), metric, FIRST_STEPS, 1.0)
+            fits.append(Fit(joint, at, metric, joint.log_likelihood(at, metric), fit.most))
+    return fits
 
 
 def with_preisach_film(fit: Fit, effects: Sequence[Effect]) -> Fit:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.film import Envelope, FilmModel
 from compensator.thermal.plate import PlateModel
 from sim.inference.film.fit import FilmFit, identify_film, identify_film_records
 from sim.inference.film.notes import _minor_loops
@@ -64,6 +65,22 @@ def test_a_film_of_the_class_is_found_to_its_noise(seed: int) -> None:
     assert np.hypot(1.0, error_elsewhere(fit, is_prandtl_ishlinskii(seed)) / NOISE) < 1.02
     assert fit.rmse < 1.03 * NOISE
     assert fit.temperature_noise_K == (0.0,)
+
+
+@pytest.mark.parametrize("function", ["erf", "arctan"])
+def test_envelopes_with_other_tails_are_found(function: str) -> None:
+    """Of tanh envelopes alone, what is left is taken for effects of the rig."""
+    film = is_prandtl_ishlinskii(0)
+    assert isinstance(film.rising, Envelope)
+    assert isinstance(film.falling, Envelope)
+    film = replace(
+        film, rising=replace(film.rising, function=function), falling=replace(film.falling, function=function)
+    )
+    rng, v = np.random.default_rng(7), decaying_profile(3000)
+    fit = identify_film(0.5 * np.arange(v.size), v, outputs(film, v) + NOISE * rng.normal(size=v.size))
+    assert isinstance(fit.model.rising, Envelope)
+    assert fit.model.rising.function == function
+    assert fit.rmse < 1.03 * NOISE
 
 
 def test_noise_on_the_temperature_does_not_ratchet_the_operators() -> None:
