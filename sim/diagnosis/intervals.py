@@ -21,10 +21,10 @@ LOOKED_AT: Final = 40  # values at once: a descent comes within a tenth
 WIDEST: Final = 20.0  # standard deviations in a logarithm are cut here: exp() of more is no number to report
 
 
-def intervals(fit: Fit, errors: Array) -> dict[str, dict[str, tuple[float, Interval | None]]]:
-    """Each effect's parameters with their 95 % intervals; None where an interval has no meaning. errors: standard
-    errors of all of the fit's parameters, (unknowns,)."""
+def intervals(fit: Fit) -> dict[str, dict[str, tuple[float, Interval | None]]]:
+    """Each effect's parameters with their 95 % intervals; None where an interval has no meaning."""
     found: dict[str, dict[str, tuple[float, Interval | None]]] = {}
+    errors = fit.covariance().standard_errors if fit.effects else np.empty(0)
     for effect in fit.effects:
         values = fit.values()[effect.name]
         if jumps(effect):

@@ -52,8 +52,10 @@ def judged(
     search, base, fit = chosen.search, chosen.base, chosen.fit
     fit, refused = _without_refused(search, fit)
     less = {e.name: search.without(fit, e.name) for e in fit.effects if e.name not in search.assumed}
-    errors = fit.covariance().standard_errors if fit.effects or fit.joint.driven else np.empty(0)
-    all_sizes = intervals(fit, errors)
+    all_sizes = intervals(fit)
+    if (thermal := fit.by_thermometer) is not fit:
+        alone = intervals(thermal)
+        all_sizes |= {name: sizes for name, sizes in alone.items() if name in less and not _is_vague(sizes)}
     vague = [name for name in less if _is_vague(all_sizes[name])]
     left = left_over(fit)
     if record.early > 0.0 and fit.metric.temperature.noise.slow < MOST_UNLOGGED * unlogged_K(fit):
@@ -121,7 +123,7 @@ def judged(
         film,
         every,
         tuple(next_experiment),
-        plate_numbers(fit.for_simulation, errors),
+        plate_numbers(thermal),
         candidates,
         limits,
         {name: sizes for name, sizes in all_sizes.items() if name in search.assumed},

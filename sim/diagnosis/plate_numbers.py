@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from compensator.hysteresis.functions import KELVIN, Array
+from compensator.hysteresis.functions import KELVIN
 from sim.diagnosis.result import Interval, PlateNumbers, rough
 from sim.inference.covariance import NORMAL_95
 from sim.inference.joint.likelihood import PLATE_NAMES, Fit
@@ -38,13 +38,12 @@ MOST_ZT: Final = 3.0  # three times what modules reach: no module, whatever a fi
 MISSES_MUCH: Final = 1.5  # times the noise: an adequate plate model leaves 0.9 to 1.2
 
 
-def plate_numbers(fit: Fit, errors: Array) -> PlateNumbers | None:
-    """Return the plate's numbers of a fit; None for a record without current. errors: standard errors of all of the
-    fit's parameters, (unknowns,)."""
-    joint = fit.joint
+def plate_numbers(found_by: Fit) -> PlateNumbers | None:
+    """Return the plate's numbers to simulate with, and the errors of a fit; None for a record without current."""
+    fit, joint = found_by.for_simulation, found_by.joint
     if not joint.driven:
         return None
-    x = fit.at.x
+    x, errors = fit.at.x, found_by.covariance().standard_errors
     doubts = []
     noise = fit.metric.temperature.noise.white
     times = float(np.sqrt(np.mean(fit.at.residual_K**2))) / max(noise, joint.record.step_K)

@@ -264,6 +264,19 @@ class Fit:
         return block_sandwich(jacobian, residual, precision=precision)
 
     @cached_property
+    def by_thermometer(self) -> Fit:
+        """The fit of the thermometer alone, from here on: what it shows of plate and effects by itself.
+
+        A film is a far better thermometer, and its model is right to about its noise only: it pulls the plate's numbers
+        aside by many of the errors that it leaves them. So it has no say in what is known without it (modularization:
+        F. Liu, M. Bayarri, J. Berger, Bayesian Anal. 4 (2009) 119)."""
+        if self.joint.film is None or not self.joint.driven:
+            return self
+        thermal = self.joint.thermometer_alone()
+        metric = Metric(self.metric.temperature, None)
+        return thermal.fit(thermal.from_other(self.joint, self.at.x), metric, most=(self.most[0], math.inf))
+
+    @cached_property
     def for_simulation(self) -> Fit:
         """The fit with its thermal side where the simulation's error is least, if that lacks more than the noise.
 
