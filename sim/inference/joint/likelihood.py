@@ -691,9 +691,9 @@ class Joint:
 
     @cached_property
     def _firsts_alone(self) -> slice:
-        """The places of the stretches' first temperatures, where next to nothing goes from one stretch on to the next:
-        what a film remembers hardly differs, and a sink does; then none."""
-        if any(effect.link == "plate" for effect in self.effects) or not self.driven:
+        """The places of the stretches' first temperatures. Next to nothing goes from one stretch on to the next: what a
+        film remembers hardly differs, and of the temperature of a body of its own two parts in a hundred."""
+        if not self.driven:
             return slice(0, 0)
         first = self.place["first_degC.0"]
         return slice(first, first + self.first_degC.size)
