@@ -212,7 +212,7 @@ def _write_reason(
 def trip_text(loop: Loop, trip: Tripped) -> str:
     """Return a trip as JSON: cause, text, time of the run (s), limits, and the rows of the last `TRIP_S` seconds."""
     rows = loop.folder.rows
-    time_s = rows.packed(0)[0]
+    time_s = rows.numbers(0)
     last: list[int] = np.flatnonzero(time_s >= time_s[-1:] - TRIP_S).tolist()  # none of none
     return plain_json(
         {

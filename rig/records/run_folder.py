@@ -24,7 +24,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import metadata
-from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -110,55 +109,52 @@ class PackedRows:
 
     The first row gives the kind of each column: words (each kept once), whole numbers, or numbers. Values come out as
     they went in: a number has the same bits, and so the same text.
+
+    words: of each column of words, with the numbers that stand for them.
     """
 
     def __init__(self, width: int) -> None:
-        self._columns = [array("d") for _ in range(width)]
-        self._count = 0
+        self._width, self._values = width, array("d")
         self._whole: set[int] = set()  # columns of whole numbers
-        self._words: dict[int, dict[str, int]] = {}  # words of a column, with the numbers that stand for them
+        self.words: dict[int, dict[str, int]] = {}
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._values) // self._width
 
     def __iter__(self) -> Iterator[tuple[Any, ...]]:
-        return map(self._unpack, islice(zip(*self._columns, strict=False), self._count))
+        return map(self.__getitem__, range(len(self)))
 
     def __getitem__(self, index: int) -> tuple[Any, ...]:
         """Return a row by its number, or counted from the end. Raises IndexError."""
-        at = range(self._count)[index]
-        return self._unpack([column[at] for column in self._columns])
+        begin = self._width * range(len(self))[index]
+        values: list[Any] = self._values[begin : begin + self._width].tolist()
+        for k in self._whole:
+            values[k] = int(values[k]) if values[k].is_integer() else values[k]
+        for k, words in self.words.items():
+            values[k] = list(words)[int(values[k])]
+        return tuple(values)
 
     def append(self, values: Sequence[Any]) -> None:
         """Add a row. Raises ValueError if it has another number of values."""
-        if len(values) != len(self._columns):
-            raise ValueError(f"a row of {len(values)} values, expected {len(self._columns)}")
-        if not self._count:
+        if len(values) != self._width:
+            raise ValueError(f"a row of {len(values)} values, expected {self._width}")
+        if not self._values:
             self._whole = {k for k, value in enumerate(values) if isinstance(value, int)}
-            self._words = {k: {} for k, value in enumerate(values) if isinstance(value, str)}
-        for k, (column, value) in enumerate(zip(self._columns, values, strict=True)):
-            words = self._words.get(k)
-            del column[self._count :]  # of a row that a signal's exception broke off
-            column.append(value if words is None else words.setdefault(value, len(words)))
-        self._count += 1
+            self.words = {k: {} for k, value in enumerate(values) if isinstance(value, str)}
+        row = list(values)
+        for k, words in self.words.items():
+            row[k] = words.setdefault(row[k], len(words))
+        self._values.extend(array("d", row))  # all at once: a signal's exception breaks no row in two
 
-    def packed(self, k: int) -> tuple[Array, list[str] | None]:
-        """Return a column as numbers, of words their indices; and the words, None of a column of numbers."""
-        return np.array(self._columns[k][: self._count]), list(self._words[k]) if k in self._words else None
+    def numbers(self, k: int) -> Array:
+        """Return a column as numbers; of words those that stand for them."""
+        return np.asarray(self._values)[k :: self._width].copy()
 
     def column(self, k: int) -> np.ndarray[Any, np.dtype[Any]]:
-        numbers, words = self.packed(k)
-        if words is not None:
-            return np.take(np.array(words), numbers.astype(np.intp))
+        numbers = self.numbers(k)
+        if k in self.words:
+            return np.take(np.array(list(self.words[k])), numbers.astype(np.intp))
         return numbers.astype(np.int64) if k in self._whole and np.all(numbers % 1.0 == 0.0) else numbers
-
-    def _unpack(self, packed: Sequence[float]) -> tuple[Any, ...]:
-        values: list[Any] = [*packed]
-        for k in self._whole:
-            values[k] = int(values[k]) if values[k].is_integer() else values[k]
-        for k, words in self._words.items():
-            values[k] = list(words)[int(values[k])]
-        return tuple(values)
 
 
 class RunFolder:
@@ -304,9 +300,9 @@ def write_netcdf(path: Path, columns: list[str], rows: PackedRows) -> None:
         axis = columns[0]  # the time is its own coordinate
         file.createDimension(axis, len(rows))
         for k, name in enumerate(columns):
-            numbers, words = rows.packed(k)
+            words = rows.words.get(k)
             variable = file.createVariable(name, "f8" if words is None else "i4", (axis,))
-            variable[:] = numbers if words is None else numbers.astype(np.int32)
+            variable[:] = rows.numbers(k)
             if words is None:
                 setattr(variable, "units", name.rpartition("_")[2].encode())  # noqa: B010
             else:
@@ -394,11 +390,11 @@ def live_run(folder: RunFolder) -> RunRows:
 
 
 def _columns_on_disk(path: Path) -> dict[str, Any]:
-    from rig.records.record_file import read_record, read_run_columns
+    from rig.records.record_file import read_record, read_run_table
 
     with suppress(OSError):  # told by what reads it then
-        if (columns := read_run_columns(path)) is not None and set(NEEDED) <= set(columns):
-            return columns
+        if (table := read_run_table(path)) is not None and {column.name for column in table.columns} >= set(NEEDED):
+            return {column.name: np.asarray(column.fields) for column in table.columns}
     record = read_record(path, needs=NEEDED, options=False)
     if PHASE not in record.text_columns:
         raise fault(path, PHASE, "missing; expected the record of a run")

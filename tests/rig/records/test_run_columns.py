@@ -1,4 +1,4 @@
-"""A run's own record, read a part at a time, is what the reader of records makes of it; all else is left to that."""
+"""A run's own record, read line by line, is what the reader of records makes of it; all else is left to that."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.records import record_file as reading
 from rig.records.conversion import record_from_table
 from rig.records.record import Record
-from rig.records.record_file import read_record, read_run_columns, read_run_table
+from rig.records.record_file import read_record, read_run_table
 from rig.records.text_table import text_table
 
 HEAD = "time_s,temperature_degC,resistance_ohm,current_A,setpoint_degC,reference_degC,tick,phase\n"
@@ -32,21 +31,18 @@ def read_as_text(path: Path) -> Record:
     return record_from_table(text_table(path.read_text(), path), options=False)
 
 
-@pytest.mark.parametrize("part", [300, 1 << 20])
 @pytest.mark.parametrize("cut", [0, 1, 20, 47])
 @pytest.mark.parametrize("name", ["resistance_ohm", "R [kOhm]"])
-def test_it_is_what_the_reader_of_records_makes_of_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: int, cut: int, name: str
-) -> None:
+def test_it_is_what_the_reader_of_records_makes_of_it(tmp_path: Path, cut: int, name: str) -> None:
     """With our names, and one that has to be guessed; cut off at its end, too, as by a kill."""
-    monkeypatch.setattr(reading, "PART", part)
     path = tmp_path / "record.csv"
     text = HEAD.replace("resistance_ohm", name) + rows(100)
     path.write_text(text[: len(text) - cut])
-    found, lean, record = read_run_columns(path), read_record(path, options=False), read_as_text(path)
-    assert found is not None
+    table, lean, record = read_run_table(path), read_record(path, options=False), read_as_text(path)
+    assert table is not None
+    found = {one.name: one.fields for one in table.columns}
     assert len(found) == len(record.columns) + len(record.text_columns)
-    assert found["phase"].tolist() == lean.text_columns["phase"] == record.text_columns["phase"]
+    assert found["phase"] == lean.text_columns["phase"] == record.text_columns["phase"]
     assert (lean.source, lean.drive, lean.notes) == (record.source, record.drive, record.notes)
     assert list(lean.columns) == list(record.columns)
     for column, values in record.columns.items():
@@ -81,15 +77,16 @@ def test_anything_else_is_left_to_the_reader_of_records(tmp_path: Path, was: str
     text = HEAD + rows(100)
     assert was in text
     path.write_text(text.replace(was, becomes, 1))
-    assert read_run_columns(path) is None
+    assert read_run_table(path) is None
 
 
 def test_memory_is_that_of_the_numbers(tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text(HEAD + rows(40_000))
     tracemalloc.start()
-    found = read_run_columns(path)
+    table = read_run_table(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert found is not None
-    assert peak < 3 * sum(column.nbytes for column in found.values()) + 30 * reading.PART
+    assert table is not None
+    numbers = 8 * len(table.columns) * len(table.line_of)
+    assert peak < 3 * numbers
