@@ -52,10 +52,7 @@ def value_and_half(value: float, half: float) -> tuple[str, str]:
 # RMS errors up to which a number is called good, and usable; by unit and what it is an error of.
 OF_MODEL, OF_TARGET = "model", "target"
 LIMITS = {
-    ("dec", OF_MODEL): (
-        0.01,
-        0.02,
-    ),  # 2 and 5 % of the resistance: what calibrations of films that suit the model leave
+    ("dec", OF_MODEL): (0.01, 0.02),  # 2 and 5 % of the resistance: what calibrations leave of films that suit it
     ("K", OF_MODEL): (0.05, 0.5),  # a tenth of what is called behind, and that: beyond it feedback alone has to find R
     ("dec", OF_TARGET): (0.02, 0.05),  # 5 and 12 %: beyond it the eye sees the difference in a transition of decades
     ("K", OF_TARGET): (0.05, 0.5),

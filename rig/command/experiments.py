@@ -129,7 +129,7 @@ def simulate_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_effect_file_argument(parser, ", to be switched on by --effect")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the noise; default: as configured")
-    parser.add_argument("--out", type=Path, required=True, metavar="RECORD.csv")
+    parser.add_argument("--out", type=writable_file, required=True, metavar="RECORD.csv")
     add_json_argument(parser)
 
 
@@ -142,7 +142,6 @@ def simulate(options: argparse.Namespace) -> int:
     """
     from rig.experiment.simulation import read_simulation
 
-    writable_file(options.out)
     terminal = Terminal(options.json)
     file = read_simulation(options.config, options.effect, options.effect_file, options.seed)
     simulated = _simulated(file, options.out, terminal)
@@ -342,7 +341,7 @@ def _report(improvement: Improvement, terminal: Terminal) -> None:
 def replay_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, metavar="RUN", help="the folder of a run")
     parser.add_argument("--config", type=Path, metavar="OTHER.toml", help="another configuration, on the run's twin")
-    parser.add_argument("--out", type=Path, metavar="RECORD.csv", help="with --config: its record")
+    parser.add_argument("--out", type=writable_file, metavar="RECORD.csv", help="with --config: its record")
     add_json_argument(parser)
 
 
@@ -375,8 +374,6 @@ def _twin(options: argparse.Namespace, terminal: Terminal) -> int:
     from rig.analysis.error import target_error
     from rig.experiment.replay import twin_configuration
 
-    if options.out is not None:
-        writable_file(options.out)
     simulated = _simulated(twin_configuration(options.run, options.config), options.out, terminal)
     found = target_error(simulated)
     error = found.document() if found is not None else {}
@@ -444,7 +441,8 @@ def tune_arguments(parser: argparse.ArgumentParser) -> None:
         "--output-age", type=float, metavar="S", help="how long before the thermometer the ohmmeter is read"
     )
     parser.add_argument("--acts-after", type=float, metavar="S", help="how long after a reading its command acts")
-    parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, figures and tuning.json there")
+    text = "report.html, figures and tuning.json there"
+    parser.add_argument("--report", type=writable_folder, metavar="DIR", help=text)
     add_json_argument(parser)
 
 
@@ -461,8 +459,6 @@ def tune(options: argparse.Namespace) -> int:
     from rig.experiment.tuning import law_table, own_table, own_tuning, tuned_law
     from rig.records.film_output import column_of, in_decades, unit_of
 
-    if options.report is not None:
-        writable_folder(options.report)
     terminal = Terminal(options.json)
     file = read_configuration(options.config)
     configuration = file.content

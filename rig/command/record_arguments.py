@@ -55,10 +55,12 @@ def read_records(
 ) -> list[Record]:
     """Read the records of a verb by its arguments, and print how columns were read on stderr. Raises the Faults of
     all."""
-    records, refused = _read(read_each(paths, options, needs))
-    if refused:
+    from rig.records.record import Record, Refused
+
+    found = read_each(paths, options, needs)
+    if refused := [one for one in found if isinstance(one, Refused)]:
         raise Faults(_faults_of(refused))
-    return records
+    return [one for one in found if isinstance(one, Record)]
 
 
 def read_each(
@@ -67,7 +69,7 @@ def read_each(
     """Read records for a verb that goes on without those that are refused, in the order of the paths. Raises Faults if
     none is left."""
     from rig.records.branches import join_branches
-    from rig.records.record import Refused
+    from rig.records.record import Record, Refused
     from rig.records.record_file import ColumnMapping, read_record
 
     mappings, rows = [ColumnMapping.parse(text) for text in options.column], rows_of(options)
@@ -78,15 +80,15 @@ def read_each(
         except Faults as faults:
             found.append(Refused(str(path), tuple(faults.lines)))
     found = join_branches(found, rows)
-    records, refused = _read(found)
     said: dict[str, list[str]] = {}  # of hundreds of records of one make the same is said of all: once is enough
-    for record in records:
-        for line in record.notes:
-            said.setdefault(line, []).append(record.source)
+    for one in found:
+        for line in one.notes if isinstance(one, Record) else ():
+            said.setdefault(line, []).append(one.source)
     for line, sources in said.items():
         more = f" and {len(sources) - 1} more" if len(sources) > 1 else ""
         print(f"{sources[0]}{more}: {line}", file=sys.stderr)
-    if not records:
+    refused = [one for one in found if isinstance(one, Refused)]
+    if len(refused) == len(found):
         raise Faults(_faults_of(refused))
     return found
 
@@ -105,20 +107,6 @@ def _faults_of(refused: Iterable[Refused]) -> list[str]:
     return lines
 
 
-def _read(found: Iterable[Record | Refused]) -> tuple[list[Record], list[Refused]]:
-    """Return the records that were read, and those that were refused."""
-    from rig.records.record import Refused
-
-    records: list[Record] = []
-    refused: list[Refused] = []
-    for one in found:
-        if isinstance(one, Refused):
-            refused.append(one)
-        else:
-            records.append(one)
-    return records, refused
-
-
 def add_effect_file_argument(parser: argparse._ActionsContainer, which: str = "") -> None:
     """Add --effect-file, repeatable. which: of what a user-defined effect is."""
     parser.add_argument(
@@ -133,7 +121,11 @@ def add_effect_file_argument(parser: argparse._ActionsContainer, which: str = ""
 
 def add_json_argument(parser: argparse._ActionsContainer) -> None:
     """Add --json."""
-    parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
+    parser.add_argument("--json", type=_json_target, metavar="FILE", help="write the results as JSON; - is stdout")
+
+
+def _json_target(text: str) -> str:
+    return text if text == "-" else str(writable_file(text))
 
 
 def add_output_argument(parser: argparse._ActionsContainer) -> None:
@@ -158,8 +150,8 @@ def parsed_limits(text: str) -> tuple[float, float]:
     return low, high
 
 
-def writable_parent(path: Path) -> None:
-    """Raise Faults for an output that cannot be written, before anything is computed."""
+def _writable(path: Path) -> Path:
+    """Return the path of an output. Raises Faults if it cannot be written, before anything is computed."""
     try:
         folder = path.resolve().parent
         there = folder.is_dir()
@@ -170,17 +162,21 @@ def writable_parent(path: Path) -> None:
         raise fault(path, "", f"its folder {folder} does not exist")
     if not os.access(path if path.exists() else folder, os.W_OK):
         raise fault(path, "", "cannot be written: permission denied")
+    return path
 
 
-def writable_file(path: Path) -> None:
-    """Raise Faults for a file that cannot be written."""
-    writable_parent(path)
+def writable_file(text: str) -> Path:
+    """Return the path of a file to write, as the type of an argument. Raises Faults if it cannot be written."""
+    path = _writable(Path(text))
     if path.is_dir():
         raise fault(path, "", "is a folder; expected a file")
+    return path
 
 
-def writable_folder(path: Path) -> None:
-    """Raise Faults for a folder that cannot be written; it may exist."""
-    writable_parent(path)
+def writable_folder(text: str) -> Path:
+    """Return the path of a folder to write, which may exist, as the type of an argument. Raises Faults if it cannot be
+    written."""
+    path = _writable(Path(text))
     if path.exists() and not path.is_dir():
         raise fault(path, "", "is a file; expected a folder")
+    return path

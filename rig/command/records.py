@@ -40,10 +40,9 @@ if TYPE_CHECKING:
 def identify_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
     add_record_arguments(parser)
-    parser.add_argument("--out", type=Path, metavar="MODEL.toml")
-    parser.add_argument(
-        "--report", type=Path, metavar="DIR", help="report.html, figures, identification.json and model.toml there"
-    )
+    parser.add_argument("--out", type=writable_file, metavar="MODEL.toml")
+    text = "report.html, figures, identification.json and model.toml there"
+    parser.add_argument("--report", type=writable_folder, metavar="DIR", help=text)
     parser.add_argument("--each", action="store_true", help="fit a model to each record instead of one to all")
     add_engine_arguments(parser)
     add_json_argument(parser)
@@ -112,8 +111,10 @@ def predict_arguments(parser: argparse.ArgumentParser) -> None:
         help="what the film follows: the simulated plate or the thermometer; default: as the model says",
     )
     add_effect_file_argument(parser, " that the model has")
-    parser.add_argument("--out", type=Path, metavar="F", help="the record's columns with the predictions, CSV")
-    parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, figures and prediction.json there")
+    text = "the record's columns with the predictions, CSV"
+    parser.add_argument("--out", type=writable_file, metavar="F", help=text)
+    text = "report.html, figures and prediction.json there"
+    parser.add_argument("--report", type=writable_folder, metavar="DIR", help=text)
     add_json_argument(parser)
 
 
@@ -182,7 +183,7 @@ def invert_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.toml")
     parser.add_argument("target", type=Path, metavar="TARGET.csv", help="columns time_s, target_ohm")
     add_record_arguments(parser)
-    parser.add_argument("--out", type=Path, metavar="F", help="default: stdout")
+    parser.add_argument("--out", type=writable_file, metavar="F", help="default: stdout")
     parser.add_argument("--limits", default="-50,200", metavar="LOW,HIGH", help="degC (-50,200)")
     parser.add_argument("--initial", choices=["cooled", "heated"], help="default: the model's own")
     add_json_argument(parser)
@@ -202,8 +203,6 @@ def invert(options: argparse.Namespace) -> int:
     from rig.analysis.inversion import inverted, order_warning, target_name
     from rig.config.model_file import read_model
 
-    if options.out is not None:
-        writable_file(options.out)
     limits_degC = parsed_limits(options.limits)
     terminal = Terminal("-" if options.out is None else options.json)
     model = read_model(options.model, needs=("film",))
@@ -264,8 +263,9 @@ def diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     text = "share of records without any effect in which one may be named (default 0.01)"
     model.add_argument("--false-alarm", type=float, metavar="SHARE", help=text)
     output = parser.add_argument_group("output")
-    output.add_argument("--report", type=Path, metavar="DIR", help="report.html, diagnosis.json and model.toml there")
-    output.add_argument("--out", type=Path, metavar="MODEL.toml", help="the extended model")
+    text = "report.html, diagnosis.json and model.toml there"
+    output.add_argument("--report", type=writable_folder, metavar="DIR", help=text)
+    output.add_argument("--out", type=writable_file, metavar="MODEL.toml", help="the extended model")
     add_json_argument(output)
     speed = parser.add_argument_group("speed")
     text = "time for a record; the best result until then is reported"
@@ -362,18 +362,12 @@ def _base(options: argparse.Namespace) -> str | None:
 
 
 def _checked(options: argparse.Namespace) -> Terminal:
-    """Return the terminal of a verb that reads records; load user-defined effects. Raises Faults for what cannot be
-    written, before anything is computed."""
-    if options.out is not None:
-        writable_file(options.out)
-    if options.report is not None:
-        writable_folder(options.report)
-    terminal = Terminal(options.json)
+    """Return the terminal of a verb that reads records; load user-defined effects. Raises Faults."""
     if getattr(options, "effect_file", None):
         from rig.config.effect_tables import add_effect_files
 
         add_effect_files(options.effect_file)
-    return terminal
+    return Terminal(options.json)
 
 
 def _together(

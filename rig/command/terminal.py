@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.command.record_arguments import writable_file
 from rig.control.decision import Onlooker, Phases, Tick
 from rig.core.file_writing import write_text
 from rig.core.streams import PatientLine, TerminalLine
@@ -24,10 +23,7 @@ class Terminal:
     """Prints lines for people, on stderr if stdout belongs to --json."""
 
     def __init__(self, json_target: str | None) -> None:
-        """Raise Faults if the file of --json cannot be written."""
         self._json = json_target
-        if json_target not in (None, "-"):
-            writable_file(Path(str(json_target)))
         self._stream = sys.stderr if json_target == "-" else sys.stdout
         self._line: PatientLine | None = None
 

@@ -308,7 +308,11 @@ def _convert(choice: ColumnChoice) -> Record:
             faults += found.lines
     if faults:
         raise Faults(faults)
-    table, values, texts = _in_time(choice, values, texts)
+    table, kept = choice.table, _in_time(choice, values["time_s"])
+    if kept.size < values["time_s"].size:
+        table = table.select(kept)
+        values = {name: column[kept] for name, column in values.items()}
+        texts = {name: [column[k] for k in kept] for name, column in texts.items()}
     faults = _Check(table, values, choice.chosen, choice.names).all()
     if faults:
         raise Faults(faults)
@@ -333,14 +337,12 @@ def _columns_in_order(choice: ColumnChoice) -> list[tuple[int, str]]:
     return sorted(found, key=lambda each: each[0])
 
 
-def _in_time(
-    choice: ColumnChoice, values: dict[str, Array], texts: dict[str, list[str]]
-) -> tuple[Table, dict[str, Array], dict[str, list[str]]]:
+def _in_time(choice: ColumnChoice, time: Array) -> NDArray[np.intp]:
     """Return the rows without the few that have no place in time: repeated word for word, or written while a clock that
     was set back by less than a second caught up. Raises Faults if a clock of dates went back by an hour, once."""
-    table, time = choice.table, values["time_s"]
+    table, kept = choice.table, np.arange(time.size)
     if np.all(np.diff(time) > 0.0) or not np.all(np.isfinite(time)):
-        return table, values, texts
+        return kept
     chosen = choice.chosen["time_s"]
     hour = np.flatnonzero(clock_changes(time) > 0.0)
     if hour.size == 1 and is_time(choice.firsts[chosen.index]):
@@ -355,7 +357,7 @@ def _in_time(
     if repeated.size:
         text = f"{_rows_text(table, repeated)} left out, the same word for word as"
         choice.notes.append(f"{text} {table.place_of(int(first[repeated[0]]))}")
-    kept = np.delete(np.arange(time.size), repeated)
+    kept = np.delete(kept, repeated)
     steps = np.diff(time[kept])
     back = steps[steps <= 0.0]
     few = kept.size > FEW_ROWS and back.size <= max(1.0, MOST_STEPS_BACK * kept.size)
@@ -365,10 +367,7 @@ def _in_time(
         how = f"went back by {by_s:.3g} s" if np.min(back) < 0.0 else "stood still"
         choice.notes.append(f"{_rows_text(table, kept[behind])} left out: the clock {how}")
         kept = kept[~behind]
-    if kept.size == time.size:
-        return table, values, texts
-    values = {name: column[kept] for name, column in values.items()}
-    return table.select(kept), values, {name: [column[k] for k in kept] for name, column in texts.items()}
+    return kept
 
 
 def _rows_text(table: Table, rows: NDArray[np.intp]) -> str:

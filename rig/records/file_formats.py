@@ -99,7 +99,7 @@ def _segments(lines: Sequence[str], start: int, separator: str) -> list[Segment]
         elif not named:
             found[-1].names, found[-1].place, named = [word, *fields], k + 1, True
         else:
-            found[-1].rows.append([word, *fields])
+            found[-1].rows.append([word, *fields, *[""] * (len(found[-1].names) - 1 - len(fields))])
             found[-1].lines.append(k + 1)
     return found
 
@@ -112,7 +112,7 @@ def _joined(segments: Sequence[Segment], path: Path, decimal: str, x_columns: st
         names.pop()
     channels = range(1, len(names), every)
     units = first.of_channels("Y_Unit_Label", len(channels), every)
-    rows = [row + [""] * (len(names) - len(row)) for segment in segments for row in segment.rows]
+    rows = [row for segment in segments for row in segment.rows]
     notes = ["LabVIEW measurement file" + (f" of {len(segments)} segments" if len(segments) > 1 else "")]
     columns = [Column(names[k], [row[k] for row in rows], unit) for k, unit in zip(channels, units, strict=True)]
     placed = range(0, len(names), 2) if every == 2 else [0]
@@ -161,7 +161,7 @@ def _segment_times(segment: Segment, k: int | None, every: int, decimal: str, pa
         except ValueError:
             raise fault(path, f"line {line}", f"{what}: {text[:40]!r}: expected a number") from None
 
-    texts = [row[k] if k is not None and len(row) > k else "" for row in segment.rows]
+    texts = [row[k] if k is not None else "" for row in segment.rows]
     if any(texts):
         pairs = zip(texts, segment.lines, strict=True)
         return np.array([number(text, line, "X_Value") if text else np.nan for text, line in pairs])

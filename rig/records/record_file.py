@@ -34,7 +34,7 @@ from rig.core.faults import Faults, fault
 from rig.core.file_writing import writing
 from rig.records.branches import RowOrder
 from rig.records.column_names import ColumnMapping
-from rig.records.conversion import ABSOLUTE_ZERO_DEGC, HOT_DEGC, MOST_A, MOST_OHM, record_from_table
+from rig.records.conversion import record_from_table
 from rig.records.file_formats import FIRST_LINE, lvm_table, matlab_table, workbook_table
 from rig.records.numbers import UNITS
 from rig.records.record import Record, unit_of
@@ -166,16 +166,11 @@ def describe_file(path: Path) -> str:
 
 SIGNATURE = {"time_s", "tick", "phase"}  # columns of every run, and together of no other file
 WORDS = "phase"  # the only column of words, and the last
-BOUNDS = {
-    "temperature_degC": (ABSOLUTE_ZERO_DEGC, HOT_DEGC),
-    "current_A": (-MOST_A, MOST_A),
-    "resistance_ohm": (0.0, MOST_OHM),
-}
 
 
 def read_run_table(path: Path) -> Table | None:
-    """Return the table of a run's own record; None if the file is a pipe, or not clearly a run's: if the reader of text
-    would refuse anything in it, or read it in another way. Raises OSError."""
+    """Return the table of a run's own record, of numbers; None if the file is a pipe, or not clearly a run's. Raises
+    OSError."""
     if not path.is_file():  # a pipe would lose its first lines
         return None
     notes: list[str] = []
@@ -203,11 +198,6 @@ def read_run_table(path: Path) -> Table | None:
     time, phases = values["time_s"], list(words)
     if time.size < 2 or not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0.0):
         return None
-    for name, (low, high) in BOUNDS.items():
-        column = values.get(name, np.empty(0))
-        within = np.isnan(column) | ((column > low) & (column < high))
-        if not np.all(within | np.isinf(column) if name == "resistance_ohm" else within):
-            return None
     of_phases = [phases[k] for k in values.pop(WORDS).astype(np.intp)]  # one text a phase, not one a row
     table = [*(Column(name, column) for name, column in values.items()), Column(WORDS, of_phases)]
     return Table(str(path), "line 1", table, range(2, 2 + time.size), notes=notes)

@@ -52,15 +52,13 @@ class Layout:
 
 @dataclass(frozen=True)
 class Header:
-    """The lines of names above the first row, in fields, the names first.
+    """Name and unit of each column, '' if it has none. line: index of the names' line. raw: the header's lines as they
+    stand."""
 
-    line: index of the names' line. raw: the lines as they stand. first_unnamed: the first column has no name.
-    """
-
-    rows: list[list[str]]
+    names: list[str]
+    units: list[str]
     line: int
-    raw: frozenset[str]
-    first_unnamed: bool = False
+    raw: frozenset[str] = frozenset()
 
 
 def text_table(text: str, path: Path, decimal: str = "") -> Table:
@@ -82,18 +80,17 @@ def text_table(text: str, path: Path, decimal: str = "") -> Table:
         raise fault(path, "", f"{layout.fields} columns; expected at most {MOST_COLUMNS}")
     start = _first_row(lines, layout)
     header = _find_header(lines, start, layout, path)
-    names, units = _names_and_units(header, layout)
     columns, line_of, notes = _read_rows(lines, start, layout, header, text, path)
     texts = [column for column in columns if isinstance(column, list)]
     sign = DecimalSign(decimal, False, True) if decimal else find_decimal_sign(texts, layout.separator)
     notes += ["decimal comma"] if sign.sign == "," and not sign.typed else []
-    place = f"line {header.line + 1 if header.rows else start + 1}"
     table = [
         Column(name, column, unit)
-        for name, column, unit in zip(names, columns, units, strict=True)
+        for name, column, unit in zip(header.names, columns, header.units, strict=True)
         if name or not isinstance(column, list) or any(field.strip() for field in column)
     ]
-    return Table(str(path), place, table, line_of, named=any(names), decimal=sign, notes=notes)
+    place = f"line {header.line + 1}"
+    return Table(str(path), place, table, line_of, named=any(header.names), decimal=sign, notes=notes)
 
 
 def split_line(line: str, separator: str) -> list[str]:
@@ -169,7 +166,8 @@ def _first_row(lines: list[str], layout: Layout) -> int:
 
 
 def _find_header(lines: list[str], start: int, layout: Layout, path: Path) -> Header:
-    """Return the lines right above the first row that have as many fields."""
+    """Return the names and units in the lines right above the first row that have as many fields; of repeated names
+    those get their branch that another line says."""
     found: list[tuple[int, list[str]]] = []
     other: list[tuple[int, int]] = []
     for k in range(start - 1, -1, -1):
@@ -196,7 +194,7 @@ def _find_header(lines: list[str], start: int, layout: Layout, path: Path) -> He
                 hint = " (a decimal comma in a comma-separated file?)" if layout.separator == "," else ""
                 text = f"{_fields_text(layout.fields)}, expected {fields}, the names in line {line_index + 1}{hint}"
                 raise fault(path, f"line {start + 1}", text)
-        return Header([], start, frozenset())
+        return Header([""] * layout.fields, [""] * layout.fields, start)
     named = [each for each in found if not _is_unit_line(each[1])] or found
 
     def known(line: tuple[int, list[str]]) -> tuple[int, int]:
@@ -204,8 +202,18 @@ def _find_header(lines: list[str], start: int, layout: Layout, path: Path) -> He
         return sum(interpret_name(name).ours is not None for name in line[1] if name), sum(map(bool, line[1]))
 
     place, names = max(named, key=known)
-    rows = [names, *(row for _, row in found if row is not names)]
-    return Header(rows, place, frozenset(lines[k].strip() for k, _ in found), len(names) != layout.fields)
+    others = [row for _, row in found if row is not names]
+    names = names if len(names) == layout.fields else ["", *names]  # as R writes above numbered rows
+    units = next((row for row in others if _is_unit_line(row) and len(row) == layout.fields), [""] * layout.fields)
+    for row in others if has_repeated_names(names) else []:
+        senses = [branch_in_name(field)[0] for field in row]
+        if len(row) == len(names) and senses[0] and {"heating", "cooling"} <= set(senses):
+            for k, field in enumerate(row):  # it may stand above the first column of each branch only
+                senses[k] = senses[k] if field or not k else senses[k - 1]
+            names = [f"{name} {sense}".strip() for name, sense in zip(names, senses, strict=True)]
+            break
+    units = [unit if parse_unit(unit) is not None else "" for unit in units]
+    return Header(names, units, place, frozenset(lines[k].strip() for k, _ in found))
 
 
 def _header_fields(line: str, layout: Layout) -> list[str] | None:
@@ -236,24 +244,6 @@ def _is_unit_line(row: Sequence[str]) -> bool:
     filled = [field for field in row if field]
     units = sum(1 for field in filled if parse_unit(field) is not None or field in ("%", "1", "-"))
     return units >= 2 and 2 * units >= len(filled)
-
-
-def _names_and_units(header: Header, layout: Layout) -> tuple[list[str], list[str]]:
-    """Return name and unit of each column, '' if it has none; repeated names get the branch that another line says."""
-    empty = [""] * layout.fields
-    if not header.rows:
-        return empty, empty
-    names = ["", *header.rows[0]] if header.first_unnamed else list(header.rows[0])
-    others = header.rows[1:]
-    units = next((row for row in others if _is_unit_line(row) and len(row) == layout.fields), empty)
-    for row in others if has_repeated_names(names) else []:
-        senses = [branch_in_name(field)[0] for field in row]
-        if len(row) == len(names) and senses[0] and {"heating", "cooling"} <= set(senses):
-            for k, field in enumerate(row):  # it may stand above the first column of each branch only
-                senses[k] = senses[k] if field or not k else senses[k - 1]
-            names = [f"{name} {sense}".strip() for name, sense in zip(names, senses, strict=True)]
-            break
-    return names, [unit if parse_unit(unit) is not None else "" for unit in units]
 
 
 def _read_rows(

@@ -22,7 +22,6 @@ RECORD = "time_s,temperature_degC,resistance_ohm\n" + "".join(f"{k},{40 + k},{20
         (("predict", "model.toml", "record.csv", "--json", "record.csv"), "--json"),
         (("invert", "model.toml", "record.csv", "--out", "link.csv"), "--out"),
         (("simulate", "config.toml", "--out", "config.toml"), "--out"),
-        (("diagnose", "record.csv", "--report", "record.csv"), "--report"),
     ],
 )
 def test_what_is_read_is_not_written(
