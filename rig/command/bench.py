@@ -57,7 +57,7 @@ def status(options: argparse.Namespace) -> int:
     return status
 
 
-EVERY_S = 0.25  # as often as anybody reads a changing number
+EVERY_S, LINE_EVERY_S = 0.25, 1.0  # as often as anybody reads a changing number, and a line
 
 
 def watch_arguments(parser: argparse.ArgumentParser) -> None:
@@ -77,16 +77,18 @@ def watch(options: argparse.Namespace) -> int:
     return 0
 
 
-def _states(client: Client, end_s: float | None) -> Any:
-    """Yield the state, brought up to date by rows."""
+def _states(client: Client, end_s: float | None, every_s: float) -> Any:
+    """Yield the state, brought up to date by rows, at most once in every_s (s)."""
     state: dict[str, Any] = {}
+    shown_s = 0.0
     for message in client.events():
         if message["event"] == "state":
             state = message["data"]
         elif message["event"] == "row" and state:
             state["reading"] = {**state["reading"], **message["data"]}
             state["time_s"] = message["data"]["time_s"]
-        if state:
+        if state and time.monotonic() - shown_s >= every_s:
+            shown_s = time.monotonic()
             yield state
         if end_s is not None and time.monotonic() >= end_s:
             return
@@ -97,12 +99,8 @@ def _table(client: Client, end_s: float | None) -> None:
     from rich.table import Table
 
     colour = {"running": "green", "tripped": "bold red", "stopped": "bold yellow", "offline": "bold red"}
-    shown_s = 0.0
     with Live(auto_refresh=False) as live:
-        for state in _states(client, end_s):
-            if time.monotonic() - shown_s < EVERY_S:
-                continue
-            shown_s = time.monotonic()
+        for state in _states(client, end_s, EVERY_S):
             table = Table(title=f"{state['name']}  (Ctrl-C leaves; `peltier stop` stops)", show_header=False)
             for what, how in status_rows(state):
                 style = colour.get(state["state"], "") if what in ("state", "trip", "stop") else ""
@@ -112,11 +110,7 @@ def _table(client: Client, end_s: float | None) -> None:
 
 
 def _lines(client: Client, end_s: float | None) -> None:
-    shown_s = 0.0
-    for state in _states(client, end_s):
-        if time.monotonic() - shown_s < 1.0:
-            continue
-        shown_s = time.monotonic()
+    for state in _states(client, end_s, LINE_EVERY_S):
         print(watch_line(state), flush=True)
 
 
