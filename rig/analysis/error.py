@@ -132,8 +132,6 @@ class Score:
 
 def shown_error(error: float, unit: str, digits: int) -> str:
     """Return an error for people; digits: after the point, of decades."""
-    if unit == "K":
-        return f"{error * 1e3:.0f} mK" if error < 1.0 else f"{error:.2f} K"
     return f"{error:.{digits}f} dec" if unit == "dec" else f"{error:.3g} {unit}"
 
 

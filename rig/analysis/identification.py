@@ -169,8 +169,8 @@ class Identified:
         inputs = sorted({n for record in self.plate_records for n in logged_inputs(record.columns, [0]).names})
         more = f"{', '.join(inputs)}: recorded, but not used by this fit; `peltier diagnose` uses it"
         return [
-            f"plate: RMS error {fit.rmse_K * 1e3:.1f} mK{in_brackets(judgement(fit.rmse_K, 'K', OF_MODEL))}, noise "
-            f"{fit.noise_K * 1e3:.1f} mK; parameters{'' if self._off(fit) else ' with 95 % intervals'}{per}:",
+            f"plate: RMS error {fit.rmse_K:.3g} K{in_brackets(judgement(fit.rmse_K, 'K', OF_MODEL))}, noise "
+            f"{fit.noise_K:.3g} K; parameters{'' if self._off(fit) else ' with 95 % intervals'}{per}:",
             *(
                 self._plate_line(fit, name, value, error)
                 for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)

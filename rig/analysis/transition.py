@@ -69,12 +69,14 @@ class FilmNumbers:
             named.pop("activation_energy_eV", None)
         return [(what, _number(found.quantities[name], of or self.unit)) for name, (what, of) in named.items()]
 
-    def lines(self) -> list[str]:
-        """Return the lines for the terminal. They mention reversal curves only if there is a diagram: a record that was
-        not made for one has too few, and the page and the JSON say so."""
+    def lines(self, whole: bool = True) -> list[str]:
+        """Return the lines for the terminal; whole: more than the transition temperatures. They mention reversal curves
+        only if there is a diagram: a record that was not made for one has too few, and the JSON says so."""
         of_curves = [] if self.forc.reason else [self.forc_note()]
         if self.doubt:
             return [f"transition: not determined, because {self.doubt}", *of_curves]
+        if not whole:
+            return ["; ".join(f"{what} {value}" for what, value in self.rows()[:2])]
         numbers = [f"  {what:<36}{value}" for what, value in self.rows()]
         return ["transition, with 95 % intervals:", *numbers, *(f"  {note}" for note in [*self.of_ramps(), *of_curves])]
 
@@ -105,9 +107,9 @@ class FilmNumbers:
         found = self.transition
         if not (self.timed and (rates := found.rates_K_per_s())):
             return []
-        ramps = " and ".join(f"{rate:.2g} K/s on {sense}" for sense, rate in rates.items())
-        text = f"not in the intervals: at these ramps ({ramps}) a lag of 1 s is an error of {found.shift_K(1.0):.2g} K "
-        text += "in the hysteresis; a thermometer's makes it smaller, a film's larger"
+        ramps = ", ".join(dict.fromkeys(f"{rate:.2g} K/s" for rate in rates.values()))
+        text = f"not in the intervals: at these ramps ({ramps}) each second by which the thermometer lags makes the "
+        text += f"hysteresis {found.shift_K(1.0):.2g} K too small, by which the film lags as much too large"
         if self.lag_s is not None and self.lag_s > 0.0:
             text += f"; the thermometer's of {self.lag_s:.2g} s ({found.shift_K(self.lag_s):.2g} K) is corrected"
         return [text]

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff
 from rig.daemon.client import (
-    NONE_RUNS,
     Client,
     NoDaemon,
     Refusal,
@@ -207,7 +206,9 @@ def _off(options: argparse.Namespace) -> int:
     clients = daemons()
     if held is None:
         if not clients:
-            raise fault("peltier off", "", f"{NONE_RUNS}; expected CONFIG, to switch its controller off")
+            raise fault(
+                "peltier off", "", "no daemon runs here; name the CONFIG of the controller: `peltier off CONFIG`"
+            )
         return stop_all(clients, "peltier off", options.json)
     simulated = held.port.startswith(SIMULATED)
     holders = [c for c in clients if (_serves(c, options.config) if simulated else _holds(c, held.port))]

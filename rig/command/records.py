@@ -223,7 +223,8 @@ def invert(options: argparse.Namespace) -> int:
     else:
         print_columns(sys.stdout, table)
     reached, rows, counts = int(np.sum(found.reachable)), found.reachable.size, found.evaluations
-    terminal.print(f"{reached} of {rows} targets reachable, {np.mean(counts):.2f} evaluations a row")
+    to = "" if options.out is None else f"; temperatures: {options.out}"
+    terminal.print(f"{reached} of {rows} targets reachable{to}")
     if options.json is not None:
         Terminal(options.json).write_json(
             {

@@ -70,8 +70,8 @@ LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would t
 # What comes after it frightens whoever only wants to track, and mostly need not: the demo's heat sink puts its plate's
 # model off by 49 times the noise, and its law with feedback holds the film all the same.
 FAR_OFF_IN_A_RUN: Final = (
-    "If the cause is slow, as a heat sink is, tracking with feedback (the laws full and pid) is hardly affected; if "
-    "the thermometer lags, all laws are. `peltier diagnose` on the record looks for the cause."
+    "If the cause is slow, as a heat sink is, the laws with feedback (full, pid) are hardly affected; if the "
+    "thermometer lags, all are. `peltier diagnose` on the record looks for the cause."
 )
 
 
@@ -81,7 +81,7 @@ class Calibration:
 
     predicted_output: -log10(R / 1 ohm) of each row by the model. numbers: the transition of the film.
     findings: what to know of the film model before it is used. left_out: a line on each run of rows in which the
-    thermometer was not believed.
+    thermometer was not believed. intended: the effects of a simulated rig that the plate's model does not have.
     """
 
     film: FilmFit
@@ -98,17 +98,19 @@ class Calibration:
     numbers: FilmNumbers | None = None
     findings: tuple[Finding, ...] = ()
     left_out: tuple[str, ...] = ()
+    intended: tuple[str, ...] = ()
 
-    def lines(self) -> list[str]:
-        """Return the lines for the terminal: the check, the transition, and what is not determined."""
+    def lines(self, whole: bool) -> list[str]:
+        """Return the lines for the terminal: the check, the transition, and what is not determined. whole: with all
+        numbers of the transition, which a run that only tracks leaves to the calibration's report."""
         film = [*self.film.identifiability, *finding_notes(self.findings)]
         return [
             f"calibration: film model: RMS error {self.check_rmse_dec:.4f} dec"
             f"{in_brackets(percent(self.check_rmse_dec), judgement(self.check_rmse_dec, 'dec', OF_MODEL))} on "
             f"{self.rows_checked} held-out rows",
-            f"calibration: plate model: RMS error {self.check_rmse_K * 1e3:.0f} mK"
+            f"calibration: plate model: RMS error {self.check_rmse_K:.3g} K"
             f"{in_brackets(judgement(self.check_rmse_K, 'K', OF_MODEL))} on the same rows",
-            *(self.numbers.lines() if self.numbers is not None else ()),
+            *(self.numbers.lines(whole) if self.numbers is not None else ()),
             *self.left_out,
             *(f"film: {note}" for note in film),
             *(f"plate: {note}" for note in self._plate_notes(film)),
@@ -151,9 +153,15 @@ class Calibration:
         }
 
     def _plate_notes(self, known: Iterable[str]) -> list[str]:
-        """Return the notes on the plate's fit, the first followed by what a large model error means for a run."""
+        """Return the notes on the plate's fit; the first, on a large model error, with what it means for a run, or that
+        it is intended."""
         notes = plate_notes(self.plate, known)
-        return [*notes[:1], FAR_OFF_IN_A_RUN, *notes[1:]] if self.plate.far_off else notes
+        if not self.plate.far_off:
+            return notes
+        if not self.intended:
+            return [notes[0], FAR_OFF_IN_A_RUN, *notes[1:]]
+        text = f"The model is off by {self.plate.rmse_K:.2g} K (RMS). That is intended: in this simulated rig "
+        return [f"{text}{' and '.join(self.intended)}, which the controller's model does not know.", *notes[1:]]
 
 
 def heat_by_pulses(loop: Loop, configuration: Configuration) -> None:

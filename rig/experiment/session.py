@@ -146,8 +146,8 @@ def calibrate(session: Session, path: Path) -> Calibration:
     return _calibrated(session, path)
 
 
-def _calibrated(session: Session, path: Path) -> Calibration:
-    """Run a calibration on its own, or as a part of a run."""
+def _calibrated(session: Session, path: Path, inside: bool = False) -> Calibration:
+    """Run a calibration on its own, or inside a run."""
     bench, file, say = session.bench, session.file, session.say
     if bench.meter is None:
         raise fault(file.path, "bench.meter", "missing; a calibration needs a meter")
@@ -162,17 +162,16 @@ def _calibrated(session: Session, path: Path) -> Calibration:
     kind: Kind = "peltier" if cools(bench.controller) else "heater"
     with worked_out(folder):
         result = identify_calibration(folder, file.content, folder.part / "MODEL.toml", kind)
+        if file.content.simulated:
+            result = replace(result, intended=tuple(one.effect.changes for one in simulated_effects(file)))
         folder.result(**result.for_run_json())
         predicted = {"time_s": folder.column("time_s"), "predicted_ohm": 10.0**-result.predicted_output}
         write_columns(folder.part / PREDICTED, predicted)
         session.report(folder)
         whole = folder.finish()
     result = replace(result, model_path=whole / "MODEL.toml")
-    for line in result.lines():
+    for line in result.lines(whole=not inside):
         say(line)
-    if file.content.simulated and result.plate.far_off and (effects := simulated_effects(file)):
-        names = ", ".join(f"{one.name}: {one.effect.changes}" for one in effects)
-        say(f"plate: intended: the simulated rig has what the controller's model does not know ({names})")
     return result
 
 
@@ -225,7 +224,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     assert target is not None
     inner = part_of(path)
     if model is None:
-        result.calibration = _calibrated(session, inner / "calibration")
+        result.calibration = _calibrated(session, inner / "calibration", inside=True)
         model = result.model = result.calibration.model
         check_feasible(file, target, model, say)
     assert model.film is not None

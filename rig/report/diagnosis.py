@@ -255,15 +255,15 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
     assumed = words.assumed_lines(diagnosis)
     if assumed:
         assumed = [page.paragraph("Assumed to be there, in the base model too:"), page.bullets(assumed)]
-    parts.append(page.section("Effects", _effects(diagnosis), *assumed, *_changes(diagnosis)))
+    parts.append(page.section("Effects", _effects(diagnosis), *assumed))
+    parts.append(page.section("Residual, warnings, and what to do next", *_left(diagnosis)))
     parts += _not_named(diagnosis, (folder / CANDIDATE).is_file())
     caption = "RMS error of a simulation over the whole record, counted on held-out rows, and the instrument's noise."
     parts.append(page.section("Errors on held-out rows", page.saved(drawn_gain(diagnosis), folder, "gain", caption)))
-    parts.append(page.section("Residual, warnings, and what to do next", *_left(diagnosis)))
     before, after = residuals(diagnosis, diagnosis.base), residuals(diagnosis, diagnosis.fit)
     against = _against(diagnosis)
     shown = [_residual(folder, diagnosis, against, key, before[key], after[key]) for key in after]
-    parts += [page.section("Residuals", *shown), *_plate(diagnosis), *_limits(diagnosis)]
+    parts += [page.section("Residuals", *shown), *_models_found(diagnosis), *_limits(diagnosis)]
     parts.append(page.section("Other sets of effects", *_runners_up(diagnosis)))
     title = f"Diagnosis of {words.together(diagnosis)}"
     page.write_page(folder / "report.html", title, words.sentence(diagnosis), parts)
@@ -278,9 +278,6 @@ def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         if not diagnosis.findings:
             arrow = f"{after:.3g} {prefix}{unit}"
         found.append((arrow, f"RMS error of {what} in held-out rows; noise {scale * channel.noise:.3g} {prefix}{unit}"))
-    if diagnosis.film is not None:
-        kind, _, form = words.film_words(diagnosis.film).partition(", ")
-        found.append((kind, form))
     return found
 
 
@@ -303,24 +300,28 @@ def _effects(diagnosis: Diagnosis) -> str:
         other = [", ".join(f.indistinguishable_from) or "\N{EN DASH}"] * instead
         gained = ", ".join(gains) or "about the same"
         evidence = f"{f.evidence:,.0f}{words.needed(f, diagnosis)}"
-        rows.append([f.name, values, evidence, words.false_alarms(f).removeprefix("false alarms "), gained, *other])
-    return page.table(head, rows)
+        effect = diagnosis.search.known.get(f.name)
+        name = f"{f.name}: {effect.changes}" if effect is not None else f.name
+        rows.append([name, values, evidence, words.false_alarms(f).removeprefix("false alarms "), gained, *other])
+    note = (
+        "Log-likelihood gain: what the fit loses without this effect; in brackets, what an effect needs to be named. "
+    )
+    note += "False alarms: the share of records without any effect in which one is named. Error without it: RMS error "
+    note += "in held-out rows, compared with the extended model's."
+    return page.table(head, rows) + page.paragraph(note, "note")
 
 
 def _not_named(diagnosis: Diagnosis, as_model: bool) -> list[str]:
     """A section on candidates, if there are any. as_model: whether the first was written as a model."""
     if not diagnosis.candidates:
         return []
-    note = "These sets were chosen for their errors here, and may do worse on another record: check with --holdout. "
+    note = "They may do worse on another record: check with --holdout. "
     if as_model:
-        note += f"The model with the first of them is {CANDIDATE}."
+        note += f"{CANDIDATE} is the model with the first of them."
     else:
         note += "Written as a model file, none of them predicts these rows better than the named effects."
-    return [
-        page.section(
-            "Candidates that are not named", page.bullets(words.not_named(diagnosis)), page.paragraph(note, "note")
-        )
-    ]
+    shown = [page.bullets(words.not_named(diagnosis)), page.paragraph(note, "note")]
+    return [page.section("Candidates that are not named", *shown)]
 
 
 def _limits(diagnosis: Diagnosis) -> list[str]:
@@ -328,86 +329,50 @@ def _limits(diagnosis: Diagnosis) -> list[str]:
     if not rows:
         return []
     head = ["effect", "size that this record allows (95 %)", "typical range"]
-    note = "An effect of another size would have been seen. Leakage and heat sink are larger effects if their value is "
-    note += "smaller, so that theirs is a lower limit."
-    return [
-        page.section("Size limits of effects that are not named", page.table(head, rows), page.paragraph(note, "note"))
-    ]
+    note = "A leakage and a heat sink are larger effects the smaller their values are: their limits are lower ones."
+    shown = [page.table(head, rows), page.paragraph(note, "note")]
+    return [page.section("Size limits of effects that are not named", *shown)]
 
 
-def _plate(diagnosis: Diagnosis) -> list[str]:
-    plate = diagnosis.plate
-    if plate is None:
-        return []
-    rows = []
-    for name, (value, ci) in plate.parameters.items():
-        width = 0.0 if ci is None else ci[1] - ci[0]
-        interval = words.NOT_FIXED if ci is None else f"{words.number(ci[0], width)} to {words.number(ci[1], width)}"
-        what, unit = split_unit(name)
-        rows.append([f"{what} / {unit}" if unit else what, words.number(value, width), interval])
-    rooms = [page.paragraph(f"Each record's room: {line}.", "note") for line in words.room_line(diagnosis)]
-    doubts = [page.paragraph("Doubtful:"), page.bullets(plate.doubts)] if plate.doubts else []
-    return [
-        page.section(
-            f"The plate ({plate.kind})", page.table(["parameter", "value", "95 % interval"], rows), *rooms, *doubts
-        )
-    ]
-
-
-def _changes(diagnosis: Diagnosis) -> list[str]:
-    """A description of each effect, and what the columns mean."""
-    known = diagnosis.search.known
-    found = [known[f.name] for f in diagnosis.findings if f.name in known]
-    changes = [f"{effect.name} ({effect.link}): {effect.changes}." for effect in found]
-    if not changes:
-        return []
-    return [
-        page.bullets(changes),
-        page.paragraph(
-            "Log-likelihood gain: what is lost if the effect is removed and everything else is fitted again; in "
-            "brackets what it takes to be named. False alarms: in records without any effect. Error without it: RMS "
-            "error in held-out rows, compared with the extended model's; it is smaller if the other effects then fit "
-            "this channel better, at the cost of the other channel.",
-            "note",
-        ),
-    ]
+def _models_found(diagnosis: Diagnosis) -> list[str]:
+    plate, shown = diagnosis.plate, []
+    if plate is not None:
+        rows = []
+        for name, (value, ci) in plate.parameters.items():
+            width = 0.0 if ci is None else ci[1] - ci[0]
+            ends = words.NOT_FIXED if ci is None else f"{words.number(ci[0], width)} to {words.number(ci[1], width)}"
+            what, unit = split_unit(name)
+            rows.append([what, words.number(value, width), ends, unit])
+        kind = "Peltier plate" if plate.kind == "peltier" else plate.kind
+        shown.append(page.table([kind, "value", "95 % interval", "unit"], rows))
+        shown += [page.paragraph(f"Each record's room: {line}.", "note") for line in words.room_line(diagnosis)]
+        shown += [page.paragraph("Doubtful:"), page.bullets(plate.doubts)] if plate.doubts else []
+    if diagnosis.film is not None:
+        shown.append(page.paragraph(f"{words.film_words(diagnosis.film)}.", "note"))
+    return [page.section("Plate and film", *shown)] if shown else []
 
 
 def _left(diagnosis: Diagnosis) -> list[str]:
-    left = words.left_over(diagnosis)
-    parts = (
-        [page.bullets(f"Residual structure, {text}" for text in left)]
-        if left
-        else [page.paragraph(words.residual_words(diagnosis))]
-    )
-    warnings = [f"Warning, {w.code.replace('_', ' ')}: {words.warning_line(diagnosis, w)}" for w in diagnosis.warnings]
-    if warnings:
-        parts.append(page.bullets(warnings))
-    if diagnosis.next_experiment:
-        parts += [page.paragraph("Next:"), page.bullets(diagnosis.next_experiment)]
-    return parts
+    left = [f"Residual: {text}" for text in words.left_over(diagnosis)] or [words.residual_words(diagnosis)]
+    left += [f"Warning: {words.warning_line(diagnosis, w)}" for w in diagnosis.warnings]
+    return [page.bullets([*left, *(f"Next: {text}" for text in diagnosis.next_experiment)])]
 
 
 def _runners_up(diagnosis: Diagnosis) -> list[str]:
     """A table of the other sets that were fitted, the likeliest first."""
     search, names = diagnosis.search, frozenset(e.name for e in diagnosis.fit.effects)
     best = search.value(diagnosis.fit)
-    behind = [(best - search.value(fit), key) for key, fit in search.table.items() if key != names]
-    if not behind:
+    others = [(search.value(fit) - best, key) for key, fit in search.table.items() if key != names]
+    if not others:
         return [page.paragraph("No other set of effects was fitted.")]
-    rows = [[", ".join(sorted(key)) or "none", f"{less:,.1f}"] for less, key in sorted(behind, key=lambda e: e[0])]
-    note = "Score: the log-likelihood, less the price of the parameters. "
-    if min(less for less, _ in behind) > 0.0:
-        note += "No other set of effects that was fitted has a better score."
-    else:
-        note += (
-            "Below 0: the set has a better score, but the record does not determine the size of one of its effects, or "
-        )
-        note += "the residual is larger than what that effect explains, so that it is not named."
-    return [
-        page.table(["effects", "by how much the named effects score better"], rows[:RUNNERS_UP]),
-        page.paragraph(note, "note"),
-    ]
+    others.sort(key=lambda e: -e[0])
+    rows = [[", ".join(sorted(key)) or "none", f"{more:+,.1f}"] for more, key in others]
+    note = "Score: the log-likelihood, less the price of the parameters."
+    if others[0][0] >= 0.0:
+        note += " A set with a better score is not named if the record does not determine the size of one of its "
+        note += "effects, or if the residual is larger than what that effect explains."
+    head = ["effects", "score, compared with that of the named effects"]
+    return [page.table(head, rows[:RUNNERS_UP]), page.paragraph(note, "note")]
 
 
 # what there is to do about it, most first

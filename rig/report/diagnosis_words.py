@@ -255,10 +255,10 @@ def film_words(film: Mapping[str, Any]) -> str:
 
 
 def candidate_set(candidate: Candidate, named: frozenset[str]) -> str:
-    """Return the effects of a candidate: the new ones, and which of the named effects it has and lacks."""
+    """Return the effects of a candidate: the new ones with their sizes, and which of the named it has and lacks."""
     of = {name: ", ".join(quantity(p, v) for p, (v, _) in own.items()) for name, own in candidate.parameters.items()}
     text = "; ".join(f"{name} ({of[name]})" for name in of if name not in named) or "fewer effects"
-    if beside := [f"{name} (here {of[name]})" for name in of if name in named]:
+    if beside := [name for name in of if name in named]:
         text += f", together with {listed(beside)}"
     if without := sorted(named - of.keys()):
         text += f", without {listed(without)}"
@@ -285,7 +285,7 @@ def plate_lines(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.plate is None:
         return []
     values = [parameter(name, value, ci) for name, (value, ci) in diagnosis.plate.parameters.items()]
-    return [f"{diagnosis.plate.kind}: {', '.join(values)}", *(f"doubtful: {d}" for d in diagnosis.plate.doubts)]
+    return [f"plate: {', '.join(values)}", *(f"doubtful: {d}" for d in diagnosis.plate.doubts)]
 
 
 def assumed_lines(diagnosis: Diagnosis) -> list[str]:
@@ -332,9 +332,9 @@ def limit_lines(diagnosis: Diagnosis) -> list[str]:
 
     An effect that may stand in for a named one is listed there."""
     kinds: dict[str, list[str]] = {
-        "not seen; if present, weaker than any typical one (95 %)": [],
-        "not seen; if present, then with (95 %)": [],
-        "cannot be seen in this record at any typical size": [],
+        "excluded at every typical size (95 %)": [],
+        "not seen, still possible at this size (95 %)": [],
+        "this record cannot show": [],
     }
     whole, to_a_size, unseen = kinds.values()
     for limit in _limits(diagnosis):

@@ -310,13 +310,13 @@ def transition_section(
 ) -> str:
     """Return the section on one record's transition, as `FilmNumbers.shown`. suffix: of the figures' names if a page
     shows several records; curves: its reversal curves, if their diagram is drawn."""
-    rows = [[what, value.replace("+-", "\N{PLUS-MINUS SIGN}")] for what, value in shown["rows"]]
+    rows = shown["rows"]
     parts = [page.table(["quantity", "value and 95 % interval"], rows)] if rows else []
     parts.append(page.bullets(shown["notes"]))
     if shown["derivative"]:
         parts.append(derivative_figure(folder, shown["derivative"], f"derivative{suffix}", shown["ylabel"]))
     if curves is None or curves.reason or not np.any(np.isfinite(curves.density)):
-        parts.append(page.paragraph(shown["forc"], "note"))
+        parts.append(page.details("No FORC diagram", page.paragraph(shown["forc"], "note")))
     else:
         parts.append(forc_figure(folder, curves, f"forc{suffix}"))
     return page.section(title, *parts)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -223,6 +224,12 @@ def _make_narrow(figure: Figure) -> None:
     figure.set_size_inches(NARROW_INCH, height)
 
 
+def shown(text: str) -> str:
+    """Return a text, written for a terminal, as HTML."""
+    signs = re.sub(r"(?<=\d )degC\b", "\N{DEGREE SIGN}C", text.replace("+-", "\N{PLUS-MINUS SIGN}"))
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(signs))
+
+
 class Html(str):
     """Text that is HTML already, such as a cell with a link."""
 
@@ -255,7 +262,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], best: int | None =
 
 
 def _cell(cell: str) -> str:
-    return cell if isinstance(cell, Html) else escape(cell)
+    return cell if isinstance(cell, Html) else shown(cell)
 
 
 def figure(svg: str, caption: str) -> str:
@@ -273,11 +280,11 @@ def details(title: str, *parts: str) -> str:
 
 
 def paragraph(text: str, kind: str = "") -> str:
-    return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+    return f'<p class="{kind}">{shown(text)}</p>' if kind else f"<p>{shown(text)}</p>"
 
 
 def bullets(items: Iterable[str]) -> str:
-    return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>"
+    return "<ul>" + "".join(f"<li>{shown(item)}</li>" for item in items) + "</ul>"
 
 
 def write_page(path: Path, title: str, lead: str, parts: Iterable[str]) -> None:
@@ -288,5 +295,5 @@ def write_page(path: Path, title: str, lead: str, parts: Iterable[str]) -> None:
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)}</title><style>\n{style}</style></head><body>"
-        f'<h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p>{"".join(parts)}</body></html>\n',
+        f'<h1>{escape(title)}</h1><p class="lead">{shown(lead)}</p>{"".join(parts)}</body></html>\n',
     )

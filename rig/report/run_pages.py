@@ -137,14 +137,11 @@ def _facts(run: RunRows) -> str:
     instruments = ", ".join(f"{one['maker']} {one['model']}" for one in start["instruments"].values())
     off = "output off, confirmed" if stop.get("output_off_confirmed") else "OUTPUT NOT CONFIRMED OFF"
     ended = f"Ended: {stop.get('reason', '?')}, {off}." if stop else "How it ended was not recorded."
-    where = "SIMULATED rig" if _simulated(run) else "real rig"
+    simulated = str(start["settings"]["bench"]["controller"]["port"]).startswith("sim://")
+    where = "SIMULATED rig" if simulated else "real rig"
     text = f"{start['at'][:16].replace('T', ' ')} UTC, {where}: {instruments}. {ended}"
     more = [page.paragraph(line, "note") for line in (f"Folder: {run.path.name}.", timing) if line]
     return page.paragraph(text, "note") + page.details("Folder and timing of the control loop", *more)
-
-
-def _simulated(run: RunRows) -> bool:
-    return str(run.document["start"]["settings"]["bench"]["controller"]["port"]).startswith("sim://")
 
 
 def _titled(run: RunRows, text: str) -> str:
@@ -192,25 +189,19 @@ def _write_tracking_page(run: RunRows, out: Path, inner: Mapping[str, RunRows]) 
     mine, design = scores[own], run.document["result"]["design"]
     calibration = inner[CALIBRATION].document.get("result") if CALIBRATION in inner else None
     doubts = calibration.get("identifiability", [])[:2] if calibration is not None else []
-    world = run.document["start"]["settings"].get("simulation", {}) if _simulated(run) else {}
-    effects = [one["name"] for one in world.get("effects", [])] + ["heat_sink_warmup"] * bool(
-        world.get("heat_sink_warmup")
-    )
-    if doubts and effects:
-        text = f"Intended: the simulated rig has {' and '.join(effects)}, which the controller's model does not know."
-        doubts = [*doubts, text]
     parts = [
         _facts(run),
         page.tiles(_numbers(run, mine, calibration)),
-        *([page.section("Warnings of the calibration", page.bullets(doubts))] if doubts else []),
         page.section(f"Wanted and measured {what.name}", _courses(run, out, TRACK)),
         page.section("The error", _error_figure(out, {name: runs[name] for name in scores})),
         page.section("The loop", _loop(run, what, out, own)),
     ]
     if len(scores) > 1:
         parts.append(page.section("The laws on the same target", _laws(runs, scores, own)))
+    if doubts:
+        parts.append(page.section("Warnings of the calibration", page.bullets(doubts)))
     parts += _further(out, inner)
-    parts.append(page.section("What the numbers mean", *_meanings(run, own, design, calibration is not None)))
+    parts.append(page.section("What the numbers mean", *_meanings(run, own, design)))
     lead = (
         f"The law '{own}' kept the film within {_error(mine.rms, mine, 4)}"
         f"{in_brackets(percent(mine.rms) if mine.unit == 'dec' else '')} RMS of the wanted {what.name} "
@@ -301,7 +292,7 @@ def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) ->
     return page.table(head, rows, best=0)
 
 
-def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibrated: bool) -> list[str]:
+def _meanings(run: RunRows, own: str, design: Mapping[str, Any]) -> list[str]:
     in_ohm = tracked(run).in_ohm
     what = f"measured - wanted {'log10 R' if in_ohm else tracked(run).name}"
     texts = [
@@ -311,8 +302,6 @@ def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibrated: boo
     ]
     if in_ohm:
         texts.append("0.01 decades (dec) are 2.3 % of the resistance, 0.05 are 12 %.")
-    if calibrated:
-        texts.append("The law uses the model of the calibration (see its report).")
     if own in ("feedforward", "instrument_pid"):
         loops = {"feedforward": "No loop is closed", "instrument_pid": "The loop is closed by the controller's own PID"}
         texts.append(f"{loops[own]} under this law.")
@@ -380,8 +369,8 @@ def _write_calibration_page(run: RunRows, out: Path) -> None:
     numbers = [
         (f"{film_error:.4f} dec = {percent(film_error)}", of_film),
         (f"{result['rmse_dec']:.4f} dec", "film model: RMS error on fitted rows"),
-        (f"{plate_error * 1e3:.0f} mK", of_plate + in_brackets(judgement(plate_error, "K", OF_MODEL))),
-        (f"{low:.0f}\N{EN DASH}{high:.0f} \N{DEGREE SIGN}C", "the transition"),
+        (f"{plate_error:.3g} K", of_plate + in_brackets(judgement(plate_error, "K", OF_MODEL))),
+        (f"{low:.0f} to {high:.0f} \N{DEGREE SIGN}C", "where heating and cooling branch differ"),
     ]
     form = [(result["memoryless"], "form of D(T), the part of log R without hysteresis")]
     form.append((str(result["operators"]), "play operators of the film model"))
@@ -427,7 +416,7 @@ def _loops(run: RunRows, out: Path, predicted: Array | None) -> str:
     axes.set(xlabel="temperature / \N{DEGREE SIGN}C", ylabel="resistance / ohm")
     page.log_scale(axes)
     axes.legend(loc="upper right")
-    text = "Major and minor loops, and the model's prediction over the held-out minor loops."
+    text = "Major and minor loops. The model's prediction hides the held-out rows where it is right."
     return page.saved(fig, out, "loops", text)
 
 

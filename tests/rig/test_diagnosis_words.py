@@ -34,7 +34,7 @@ def test_an_interval_that_says_nothing_more_is_told_by_its_digits() -> None:
         (set(), "sensor_lag (time constant 30 s); " + LOSS),
         (
             {"sensor_lag"},
-            LOSS + ", together with sensor_lag (here time constant 30 s)",
+            LOSS + ", together with sensor_lag",
         ),
         (
             {"actuator_delay"},

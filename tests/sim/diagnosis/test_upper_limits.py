@@ -37,9 +37,9 @@ def test_a_limit_is_read_beside_the_usual_sizes() -> None:
     ]
     findings = [SimpleNamespace(indistinguishable_from=["lag"])]
     assert limit_lines(cast(Any, SimpleNamespace(limits=limits, findings=findings))) == [
-        "not seen; if present, weaker than any typical one (95 %): sink (ratio above 300, typical 3 to 30); "
+        "excluded at every typical size (95 %): sink (ratio above 300, typical 3 to 30); "
         "drift (drift below 0.001 K/h, typical 0.01 to 1)",
-        "not seen; if present, then with (95 %): leakage (leakage resistance above 20,000 ohm, typical 10,000 to "
+        "not seen, still possible at this size (95 %): leakage (leakage resistance above 20,000 ohm, typical 10,000 to "
         "1,000,000)",
-        "cannot be seen in this record at any typical size: series; creep",
+        "this record cannot show: series; creep",
     ]
