@@ -12,7 +12,7 @@ from sim.diagnosis.result import Candidate, Caution, Channel, Finding, rough
 from sim.inference.gain import Gain
 from sim.inference.record.quantity import RESISTANCE
 
-LOSS = "radiative_loss (radiated power / (heat capacity T\N{SUPERSCRIPT FOUR}) 2e-11 1/(K\N{SUPERSCRIPT THREE} s))"
+LOSS = "radiative_loss (radiated power over (heat capacity T\N{SUPERSCRIPT FOUR}) 2e-11 1/(K\N{SUPERSCRIPT THREE} s))"
 
 
 @pytest.mark.parametrize(
