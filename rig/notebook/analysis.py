@@ -276,10 +276,10 @@ class RecordDiagnosis(Shown):
     drive: str | None = field(default=None, repr=False)
 
     def plot(self) -> Figure:
-        """The loop as base and extended model show it; without a film the error on held-out rows."""
-        from rig.report.diagnosis import drawn_gain, drawn_loop
+        """Draw the loop as base and extended model show it; without a film the temperature over time."""
+        from rig.report.diagnosis import drawn_course, drawn_loop
 
-        return drawn_gain(self.found) if self.found.record.output is None else drawn_loop(self.found)
+        return drawn_course(self.found) if self.found.record.output is None else drawn_loop(self.found)
 
     def write_report(self, folder: Path | str) -> Path:
         """report.html with all figures, diagnosis.json and model.toml in a folder; its page. Raises OSError."""

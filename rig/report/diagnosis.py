@@ -37,30 +37,10 @@ if TYPE_CHECKING:
     from sim.inference.record.record import Record as Rows
 
 
-BASE, EXTENDED, NOISE = page.EDGE, page.COLOURS["model"], page.GREEN
+BASE, EXTENDED = page.EDGE, page.COLOURS["model"]
 MOST_DOTS = 4000  # more hide each other, and make the page slow
 UNCHANGED = 0.05  # of an error: less is not worth a number
 MILLI = 0.3  # K: below it a figure is in mK
-
-
-def drawn_gain(diagnosis: Diagnosis) -> Figure:
-    """Draw the errors of both models on held-out rows, and the noise, a panel for each channel."""
-    channels = words.judged_channels(diagnosis)
-    extends = _extends(diagnosis)
-    fig, axes = page.grid(1, len(channels), 1.7)
-    for axis, (what, unit, channel) in zip(axes[0], channels, strict=True):
-        scale, prefix = scaled(channel.rmse_base, unit)
-        bars = [("noise", channel.noise, NOISE), ("extended model", channel.rmse_extended, EXTENDED)]
-        bars = [*bars, ("base model", channel.rmse_base, BASE)] if extends else [bars[0], ("model", *bars[1][1:])]
-        values = [scale * value for _, value, _ in bars]
-        axis.barh([name for name, _, _ in bars], values, color=[colour for _, _, colour in bars], height=0.62)
-        for k, value in enumerate(values):
-            axis.annotate(f" {value:.3g}", (value, k), va="center", fontsize=9.5)
-        axis.set_xlim(0.0, 1.14 * max(values))
-        axis.set_title(f"{what}: error on held-out rows / {prefix}{unit}", fontsize=10, loc="left")
-        axis.grid(visible=False, axis="y")
-        axis.tick_params(axis="y", length=0)
-    return fig
 
 
 def scaled(size: float, unit: str) -> tuple[float, str]:
@@ -186,13 +166,11 @@ def _residual(
         scale, prefix = scaled(spread, unit)
         limit, values = 1.3 * scale * spread, scale * residuals_of_model
         far = good[np.abs(values[good]) > limit]
-        beyond = beyond or far.size > 0
+        beyond, dots = beyond or far.size > 0, np.union1d(index, far)
         for axis, (label, x) in zip(row, against, strict=True):
-            axis.plot(x[index], values[index], ".", color=colour, markersize=2, rasterized=True)
-            for sign, mark in ((1.0, "^"), (-1.0, "v")):
-                there = far[sign * values[far] > 0.0]
-                axis.plot(x[there], np.full(there.size, 0.97 * sign * limit), mark, color=colour, markersize=4)
-            axis.set_ylim(-limit, limit)
+            shown = np.clip(values[dots], -limit, limit)
+            axis.plot(x[dots], shown, ".", color=colour, markersize=2, rasterized=True)
+            axis.set_ylim(-1.03 * limit, 1.03 * limit)
             axis.set_xlabel(label)
         row[0].set_ylabel(f"{name}\n{residual_label(f'{prefix}{unit}')}")
     if diagnosis.record.joined.size:
@@ -201,7 +179,7 @@ def _residual(
     *others, last = [label.split(" / ")[0] for label, _ in against]
     caption = f"Residual of {what} against {', '.join(others)} and {last}."
     caption += " Each row has its own scale." * (len(models) > 1)
-    caption += " Triangles at the edge: readings beyond it." * beyond
+    caption += " Dots on the edge are beyond it." * beyond
     return page.saved(fig, folder, f"residual_{key}", caption)
 
 
@@ -258,8 +236,6 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
     parts.append(page.section("Effects", _effects(diagnosis), *assumed))
     parts.append(page.section("Residual, warnings, and what to do next", *_left(diagnosis)))
     parts += _not_named(diagnosis, (folder / CANDIDATE).is_file())
-    caption = "RMS error of a simulation over the whole record, counted on held-out rows, and the instrument's noise."
-    parts.append(page.section("Errors on held-out rows", page.saved(drawn_gain(diagnosis), folder, "gain", caption)))
     before, after = residuals(diagnosis, diagnosis.base), residuals(diagnosis, diagnosis.fit)
     against = _against(diagnosis)
     shown = [_residual(folder, diagnosis, against, key, before[key], after[key]) for key in after]
@@ -277,7 +253,9 @@ def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         arrow = f"{before:.3g} \N{RIGHTWARDS ARROW} {after:.3g} {prefix}{unit}"
         if not diagnosis.findings:
             arrow = f"{after:.3g} {prefix}{unit}"
-        found.append((arrow, f"RMS error of {what} in held-out rows; noise {scale * channel.noise:.3g} {prefix}{unit}"))
+        models = ", base and extended model" * bool(diagnosis.findings)
+        noise = f"noise {scale * channel.noise:.3g} {prefix}{unit}"
+        found.append((arrow, f"RMS error of {what} in held-out rows{models}; {noise}"))
     return found
 
 

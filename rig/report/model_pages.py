@@ -123,16 +123,6 @@ def residual_figure(folder: Path, time_s: Array, degC: Array, left: Array, unit:
     return page.saved(fig, folder, f"residual{suffix}", caption)
 
 
-def histogram_figure(folder: Path, left: Array, unit: str, suffix: str = "") -> str:
-    """Draw the residual's histogram; return the page's figure."""
-    fig, (axes,) = page.new_figure(1, 2.6)
-    finite = left[np.isfinite(left)]
-    axes.hist(finite, bins="fd" if np.ptp(finite) > 0.0 and finite.size > 4 else 10, color=page.COLOURS["measured"])
-    axes.set(xlabel=residual_label(unit), ylabel="rows")
-    caption = f"Histogram of the residual{' of log10 R' * (unit == 'dec')}."
-    return page.saved(fig, folder, f"histogram{suffix}", caption)
-
-
 def derivative_figure(folder: Path, curves: Mapping[str, Mapping[str, Any]], name: str, ylabel: str) -> str:
     """Draw the derivative of both branches with their bands, and mark the transition temperatures. curves: as of
     `FilmNumbers.shown`."""
@@ -344,10 +334,7 @@ def write_prediction_report(
         if not plate:
             loop = drawn_loop(time_s, degC, one.measured, one.predicted, one.name)
             shown.append(page.saved(loop, folder, "loop", LOOP))
-        shown += [
-            residual_figure(folder, time_s, degC, one.residual, one.unit, suffix),
-            histogram_figure(folder, one.residual, one.unit, suffix),
-        ]
+        shown.append(residual_figure(folder, time_s, degC, one.residual, one.unit, suffix))
         parts.append(page.section("The plate's temperature" if plate else "The film", *shown))
     lead = f"{Path(str(result['model'])).name} against {Path(str(result['record'])).name}."
     if not parts:

@@ -96,7 +96,7 @@ def test_the_report_is_one_page_with_figures_and_the_json_beside_it(diagnosed: t
     folder, said = diagnosed
     page = (folder / "report" / "report.html").read_text(encoding="utf-8")
     assert "Explained: the film lags behind the plate (film_lag, time constant" in page
-    assert page.count("<svg") == 10  # five figures, each for two widths
+    assert page.count("<svg") == 8  # four figures, each for two widths
     assert "<script" not in page
     for name in ("http://www.w3.org", "http://purl.org", "http://creativecommons.org", "https://matplotlib.org"):
         page = page.replace(name, "")
