@@ -176,6 +176,7 @@ class Identified:
                 for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
             ),
             *(f"plate: {note}" for note in self._plate_notes(fit)),
+            *(["plate: `peltier diagnose` on the record looks for the cause."] if self._off(fit) else []),
             *([f"plate: {more}"] if inputs else []),
         ]
 

@@ -43,7 +43,6 @@ def lines(diagnosis: Diagnosis) -> list[str]:
         out.append(f"film: {film_words(diagnosis.film)}")
     out += [f"candidate: {text}" for text in not_named(diagnosis)]
     out += limit_lines(diagnosis)
-    out += [f"residual: {text}" for text in left_over(diagnosis)]
     others = [w for w in diagnosis.warnings if w.code not in (SATURATED, CUT_SHORT)]
     out += [f"warning: {warning_line(diagnosis, w)}" for w in others]
     return [of_drive(line, diagnosis) for line in [*out, *(f"next: {text}" for text in diagnosis.next_experiment)]]
