@@ -182,7 +182,10 @@ def number(value: float, width: float = 0.0) -> str:
 
 def quantity(name: str, value: float) -> str:
     what, unit = split_unit(name)
-    return f"{what} {value:.3g} {unit}".rstrip()
+    shown = f"{value:.3g}"
+    if "e+" in shown and abs(value) < 1e7:  # 287,000 ohm
+        shown = f"{float(shown):,.0f}"
+    return f"{what} {shown} {unit}".rstrip()
 
 
 def parameter(name: str, value: float, interval: tuple[float, float] | None) -> str:
