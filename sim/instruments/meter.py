@@ -14,13 +14,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import copysign, inf, isfinite, isinf, isnan
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 from sim.instruments.instrument import Plant
 from sim.instruments.scpi import (
     ILLEGAL_PARAMETER_VALUE,
     MISSING_PARAMETER,
-    Handler,
     Parameters,
     ScpiError,
     ScpiInstrument,
@@ -32,19 +31,16 @@ from sim.instruments.scpi import (
 LINE_PERIOD_S = 1.0 / 50.0  # NPLC counts these
 RESISTANCES, VOLTAGES = ("RES", "FRES"), ("VOLT", "VOLT:DC")  # functions that measure something of the plant
 OVERFLOW, NOT_A_NUMBER = 9.9e37, 9.91e37  # SCPI's numbers for what is none
-
-
-class Range(NamedTuple):
-    """A resistance range: full scale, ohm, and its fixed test current, A."""
-
-    full_scale_ohm: float
-    test_current_A: float
+ON_OFF = "%.0f"  # text of a switch, 0 or 1
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A setting that is only kept and answered: a number within its limits (text: its % format), or, with text "%s", a
-    word. name: its key in `Meter.settings`; one that begins with `*` survives `*RST`."""
+    """A row of a meter's command table: a value that is set, kept and answered.
+
+    name: its key in `Meter.settings`; one that begins with `*` survives `*RST`. text: a number's % format; `ON_OFF` of
+    a switch, which ONCE leaves off; "%s" of a word, one of `words` if there are any (capitals are the short form).
+    """
 
     header: str
     name: str
@@ -52,22 +48,30 @@ class Setting:
     text: str = "%s"
     minimum: float = -inf
     maximum: float = inf
+    words: tuple[str, ...] = ()
 
     def of(self, function: str, header: str) -> Setting:
         """Return the same setting of a measuring function, whose header stands in front."""
         return replace(self, header=header + self.header, name=f"{function}:{self.name}")
 
     def value(self, parameters: Parameters) -> float | str:
-        if isinstance(self.default, str):
-            if not parameters:
-                raise ScpiError(*MISSING_PARAMETER)
-            return ",".join(parameters).upper()
         if self.text == ON_OFF:
-            return int(boolean(parameters))
-        return number(parameters, self.minimum, self.maximum, self.default)
+            return 0 if parameters == ("ONCE",) else int(boolean(parameters))
+        if not isinstance(self.default, str):
+            return number(parameters, self.minimum, self.maximum, self.default)
+        if not parameters:
+            raise ScpiError(*MISSING_PARAMETER)
+        given = ",".join(parameters).upper()
+        short = {spelled: _short(word) for word in self.words for spelled in (_short(word), word.upper())}
+        if short and given not in short:
+            raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
+        return short.get(given, given)
 
 
-ON_OFF = "%.0f"  # text of a switch, 0 or 1
+def _short(word: str) -> str:
+    return "".join(character for character in word if not character.islower())
+
+
 REGISTERS = (  # of the status system
     Setting("*ESE", "*ESE", 0, "%d", 0, 255),
     Setting("*SRE", "*SRE", 0, "%d", 0, 255),
@@ -81,11 +85,13 @@ class Meter(ScpiInstrument):
     baudrate: of the line, 1/s, None: the meter's own; inf takes no time. command_s: from a message's end until it acts.
     overhead_s: from the end of an integration until its reading is there.
 
-    RANGES: full scale, ohm -> test current, A, in rising order. FUNCTIONS: header of each by its name. SILENT: commands
-    that do nothing here.
+    RANGES: full scale, ohm -> test current, A, in rising order. FUNCTIONS: header of each by its name. SETTINGS: the
+    command table. SILENT: commands that do nothing here. NO_READING: the error of FETCh without a reading; None if one
+    is then made.
     """
 
     RANGES: ClassVar[Mapping[float, float]]
+    FIRST_RANGE_OHM: ClassVar[float] = 1e3  # after power on
     VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.1, 1.0, 10.0, 100.0, 1000.0)
     FUNCTIONS: ClassVar[Mapping[str, str]]
     SETTINGS: ClassVar[Sequence[Setting]]
@@ -98,6 +104,7 @@ class Meter(ScpiInstrument):
     UNDERRANGE: ClassVar[float] = 0.1
     SIGN: ClassVar[str] = ""  # before the number of a status register
     NOT_A_NUMBER: ClassVar[float] = NOT_A_NUMBER
+    NO_READING: ClassVar[tuple[int, str] | None] = None
 
     def __init__(
         self,
@@ -121,8 +128,9 @@ class Meter(ScpiInstrument):
         self._wanted: list[str] = []
         self._stack: list[float] = []  # of the filter: the integrations of this reading
         self._last, self._fresh = "", False
-        self._ranges = [Range(*one) for one in self.RANGES.items()]
-        self._range_index = min(1, len(self._ranges) - 1)
+        self._keep = True  # this reading is kept for FETCh
+        self._full_scales = list(self.RANGES)
+        self._range_index = 0
         self.settings: dict[str, float | str] = {}
         self.function = ""
         self.identity = self.IDENTITY
@@ -134,14 +142,27 @@ class Meter(ScpiInstrument):
 
     # ---- settings -------------------------------------------------------------------------------
 
-    def default_settings(self) -> dict[str, float | str]:
-        return {setting.name: setting.default for setting in self.SETTINGS}
-
     def reset(self) -> None:
         """Set everything to its value after power on; the error queue stays."""
         self.abort()
-        self.settings = self.default_settings()
-        self._range_index = min(1, len(self._ranges) - 1)
+        self._last = ""
+        self.settings = {setting.name: setting.default for setting in self.SETTINGS}
+        self._range_index = self._full_scales.index(self.FIRST_RANGE_OHM)
+
+    def changed(self, name: str) -> None:
+        """Act on a setting that was changed. A range is fixed, to the next one up that the meter has."""
+        function, _, what = name.rpartition(":")
+        if what == "RANG" and function in self.FUNCTIONS:
+            self.settings[name + ":AUTO"] = 0
+            if function in VOLTAGES:
+                self.settings[name] = self.voltage_range_V(float(self.settings[name]))
+            elif function in RESISTANCES:
+                self.choose_range(float(self.settings[name]))
+        self.send_test_current()
+
+    def of_function(self, name: str, otherwise: float) -> float:
+        """Return a setting that the measuring function has, or the meter has for all."""
+        return float(self.settings.get(f"{self.function}:{name}", self.settings.get(name, otherwise)))
 
     def choose_function(self, function: str) -> None:
         """Measure something else; the test current flows in the resistance functions only."""
@@ -161,32 +182,9 @@ class Meter(ScpiInstrument):
     def _define_setting(self, setting: Setting) -> None:
         def change(parameters: Parameters) -> None:
             self.settings[setting.name] = setting.value(parameters)
+            self.changed(setting.name)
 
         self._tree.define(setting.header, set=change, ask=lambda _: setting.text % self.settings[setting.name])
-
-    def _define_range(self, function: str, header: str, default: float, text: str, largest: float = 120e6) -> None:
-        """RANGe of a function: of resistance and of voltage the meter takes the next range up; others are kept."""
-
-        def change(parameters: Parameters) -> None:
-            value = number(parameters, 0.0, largest, default)
-            self.settings[f"{function}:RANG:AUTO"] = 0
-            self.settings[f"{function}:RANG"] = self.voltage_range_V(value) if function in VOLTAGES else value
-            if function in RESISTANCES:
-                self.choose_range(value)
-
-        def answer(_: Parameters) -> str:
-            return text % (self.full_scale_ohm if function in RESISTANCES else self.settings[f"{function}:RANG"])
-
-        self._tree.define(header + ":RANGe[:UPPer]", set=change, ask=answer)
-
-    def _define_autozero(self, header: str) -> None:
-        """Autozero: on, off, or ONCE, after which it is off."""
-
-        def change(parameters: Parameters) -> None:
-            once = len(parameters) == 1 and parameters[0].upper() == "ONCE"
-            self.settings["AZER"] = 0 if once else int(boolean(parameters))
-
-        self._tree.define(header, set=change, ask=lambda _: str(self.settings["AZER"]))
 
     def _function_named(self, name: str) -> str:
         """Return the function that a name spells; the name itself if there is none."""
@@ -194,7 +192,6 @@ class Meter(ScpiInstrument):
         return next(spelled, name)
 
     def _define_choice(self, header: str) -> None:
-
         def choose(parameters: Parameters) -> None:
             self.choose_function(self._function_named(unquoted(parameters)))
 
@@ -203,35 +200,25 @@ class Meter(ScpiInstrument):
     def function_text(self, function: str) -> str:
         return function
 
-    def _define_common(self) -> frozenset[Handler]:
-        """`*` commands, and the error queue. Return those that an instrument takes in any mode."""
+    def _define_common(self) -> None:
+        """Define the `*` commands, and the error queue."""
 
-        def reset(_: Parameters) -> None:
+        def reset() -> None:
             registers = {name: value for name, value in self.settings.items() if name.startswith("*")}
             self.reset()
             self.settings |= registers
 
-        def identity(_: Parameters) -> str:
-            return self.identity
-
-        def error(_: Parameters) -> str:
-            return self.next_error()
-
-        def clear(_: Parameters) -> None:
-            self.errors.clear()
-
         define, sign = self._tree.define, self.SIGN
         for header in (*self.SILENT, "*OPC", "*WAI"):
             define(header, set=lambda _: None)
-        define("*RST", set=reset)
-        define("*IDN", ask=identity)
-        define("*CLS", set=clear)
+        self._define("*RST", reset)
+        self._define("*CLS", self.errors.clear)
+        define("*IDN", ask=lambda _: self.identity)
         define("*OPC", ask=lambda _: "1")
         define("*ESR", ask=lambda _: sign + "0")
         define("*TST", ask=lambda _: sign + "0")
         define("*STB", ask=lambda _: sign + ("4" if self.errors else "0"))
-        define(":SYSTem:ERRor[:NEXT]", ask=error)
-        return frozenset({identity, error, clear})
+        define(":SYSTem:ERRor[:NEXT]", ask=lambda _: self.next_error())
 
     def _define_commands(self) -> None:
         """Define the commands that only this meter has."""
@@ -246,12 +233,12 @@ class Meter(ScpiInstrument):
 
     @property
     def full_scale_ohm(self) -> float:
-        return self._ranges[self._range_index].full_scale_ohm
+        return self._full_scales[self._range_index]
 
     @property
     def test_current_A(self) -> float:
         """Return the current through the film now, A; it flows as long as a resistance function is chosen."""
-        return self._ranges[self._range_index].test_current_A if self.measures_resistance else 0.0
+        return self.RANGES[self.full_scale_ohm] if self.measures_resistance else 0.0
 
     def send_test_current(self) -> None:
         """Let the plant know what flows through the film from now on."""
@@ -259,39 +246,39 @@ class Meter(ScpiInstrument):
 
     def choose_range(self, resistance_ohm: float) -> None:
         """Take the lowest range that still shows `resistance_ohm`."""
-        shows = (
-            index for index, one in enumerate(self._ranges) if resistance_ohm <= self.OVERRANGE * one.full_scale_ohm
-        )
-        self._use_range(next(shows, len(self._ranges) - 1))
+        shows = (k for k, full_ohm in enumerate(self._full_scales) if resistance_ohm <= self.OVERRANGE * full_ohm)
+        self._use_range(next(shows, len(self._full_scales) - 1))
 
     def _use_range(self, index: int) -> None:
         self._range_index = index
+        self.settings |= {f"{function}:RANG": self.full_scale_ohm for function in RESISTANCES}
         self.send_test_current()
 
     def voltage_range_V(self, voltage_V: float) -> float:
         """Return the lowest voltage range that still shows `voltage_V`."""
-        return next((full for full in self.VOLTAGE_RANGES_V if voltage_V <= full), self.VOLTAGE_RANGES_V[-1])
+        return next((full for full in self.VOLTAGE_RANGES_V if abs(voltage_V) <= full), self.VOLTAGE_RANGES_V[-1])
 
     def sample_ohm(self) -> float | None:
         """Return the film's resistance, ohm; +-inf beyond the range, nan for none; None if the range has changed."""
-        now = self._ranges[self._range_index]
-        value_ohm = self._plant.read_resistance_ohm(now.test_current_A)
+        full_ohm = self.full_scale_ohm
+        value_ohm = self._plant.read_resistance_ohm(self.RANGES[full_ohm])
         if isnan(value_ohm):
             return value_ohm
-        over = abs(value_ohm) > self.OVERRANGE * now.full_scale_ohm
+        over = abs(value_ohm) > self.OVERRANGE * full_ohm
         if self.settings[self.function + ":RANG:AUTO"]:
-            if over and value_ohm > 0.0 and self._range_index + 1 < len(self._ranges):
+            if over and value_ohm > 0.0 and self._range_index + 1 < len(self._full_scales):
                 self._use_range(self._range_index + 1)
                 return None
-            if abs(value_ohm) < self.UNDERRANGE * now.full_scale_ohm and self._range_index > 0:
+            if abs(value_ohm) < self.UNDERRANGE * full_ohm and self._range_index > 0:
                 self._use_range(self._range_index - 1)
                 return None
         return copysign(inf, value_ohm) if over else value_ohm
 
-    def within_voltage_range(self, voltage_V: float, full_V: float, function: str) -> float:
-        """Return the voltage, or +-inf if the function's range is fixed to `full_V` and does not show it."""
-        over = not self.settings[function + ":RANG:AUTO"] and abs(voltage_V) > self.OVERRANGE * full_V
-        return copysign(inf, voltage_V) if over else voltage_V
+    def within_voltage_range(self, voltage_V: float, function: str) -> float:
+        """Return the voltage, or +-inf if the function's range, the largest with autorange, does not show it."""
+        automatic = self.settings[function + ":RANG:AUTO"]
+        full_V = self.VOLTAGE_RANGES_V[-1] if automatic else float(self.settings[function + ":RANG"])
+        return copysign(inf, voltage_V) if abs(voltage_V) > self.OVERRANGE * full_V else voltage_V
 
     # ---- measuring ------------------------------------------------------------------------------
 
@@ -300,14 +287,6 @@ class Meter(ScpiInstrument):
         if isnan(value):
             return self.NOT_A_NUMBER
         return copysign(OVERFLOW, value) if isinf(value) else value
-
-    def aperture_s(self) -> float:
-        """Return how long a reading integrates, s: NPLC line periods."""
-        return float(self.settings[self.function + ":NPLC"]) * LINE_PERIOD_S
-
-    def averaged(self) -> int:
-        """Return of how many integrations a reading is the mean."""
-        return 1
 
     def digitize(self) -> str:
         """Measure now and return the text; empty if the range has changed and it has to measure again."""
@@ -322,19 +301,23 @@ class Meter(ScpiInstrument):
     def measuring(self) -> bool:
         return self._remaining > 0
 
-    def initiate(self, count: int = 1) -> None:
+    def initiate(self, count: int = 1, keep: bool = True) -> None:
+        """Begin `count` readings. keep: FETCh gets them."""
         self.abort()
+        self._last, self._keep = "", keep
         self._remaining = count
         self._wanted = []
         self._integrate(self._now_s + float(self.settings.get("TRIG:DEL", 0.0)))
 
-    def read(self, count: int) -> None:
+    def read(self, count: int, keep: bool = True) -> None:
         """Begin `count` readings and let the message wait for them, as `READ?` does."""
-        self.initiate(count)
+        self.initiate(count, keep)
         self._waiting = True
 
     def fetch(self, fresh: bool = False) -> str | None:
         """Return the last reading, after those under way; fresh: one that was not given out before."""
+        if not (self.measuring or self._last) and self.NO_READING is not None:
+            raise ScpiError(*self.NO_READING)
         if self.measuring or (fresh and not self._fresh) or not self._last:
             if not self.measuring:
                 self.initiate()
@@ -354,7 +337,7 @@ class Meter(ScpiInstrument):
         self._integrate_once(begin_s)
 
     def _integrate_once(self, begin_s: float) -> None:
-        aperture_s = self.aperture_s()
+        aperture_s = self.of_function("NPLC", 1.0) * LINE_PERIOD_S
         self._sample_s = begin_s + 0.5 * aperture_s
         self._ready_s = begin_s + aperture_s + self._overhead_s
         self._plant.schedule(self._sample_s, self._sample)
@@ -367,7 +350,7 @@ class Meter(ScpiInstrument):
         if not text:
             self._integrate(self._ready_s)
             return
-        if 0 < len(self._stack) < self.averaged():
+        if 0 < len(self._stack) < (self.of_function("AVER:COUN", 1) if self.of_function("AVER", 0) else 1):
             self._integrate_once(self._ready_s)
             return
         self._wanted.append(text)
@@ -383,6 +366,8 @@ class Meter(ScpiInstrument):
             self._answers.append(self._last)
             if not self._calls:
                 self._reply(self._ready_s)
+        if not self._keep:
+            self._last = ""
         self._work(time_s)
 
     def _finish(self) -> None:

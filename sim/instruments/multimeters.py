@@ -14,11 +14,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from math import copysign, inf
 from typing import ClassVar
 
 from sim.instruments.meter import (
-    LINE_PERIOD_S,
     ON_OFF,
     OVERFLOW,
     REGISTERS,
@@ -27,7 +25,7 @@ from sim.instruments.meter import (
     Meter,
     Setting,
 )
-from sim.instruments.scpi import Call, Handler, Parameters, ScpiError, number
+from sim.instruments.scpi import Call, Parameters, ScpiError, number
 
 OF_EACH_2000_FUNCTION = (
     Setting(":NPLCycles", "NPLC", 1.0, "%.2f", 0.01, 10.0),
@@ -35,20 +33,28 @@ OF_EACH_2000_FUNCTION = (
     Setting(":REFerence", "REF", 0.0, "%+.8E", -1e9, 1e9),
     Setting(":REFerence:STATe", "REF:STAT", 0, ON_OFF),
     Setting(":AVERage:COUNt", "AVER:COUN", 10, "%d", 1, 100),
-    Setting(":AVERage[:STATe]", "AVER:STAT", 0, ON_OFF),
+    Setting(":AVERage[:STATe]", "AVER", 0, ON_OFF),
     Setting(":AVERage:TCONtrol", "TCON", "REP"),
     Setting(":APERture", "APER", 0.1, "%.3f", 0.01, 1.0),
     Setting(":DETector:BANDwidth", "DET:BAND", 30, "%+.8E", 3, 3e5),
     Setting(":THReshold:VOLTage:RANGe", "THR", 10, "%+.8E", 0, 1010),
+    Setting(":RANGe[:UPPer]", "RANG", 1000.0, "%+.8E", 0.0, 120e6),
     Setting(":RANGe:AUTO", "RANG:AUTO", 1, ON_OFF),
 )
 HOLD_OFF, TOLERANCE = 100, 10  # characters
 OVERRUN = (512, "RS-232 overrun error")
 ONLY_IN_REMOTE = (550, "Command not allowed in local")
+IN_LOCAL = "*IDN?;*CLS;SYST:ERR?;SYST:REM;SYST:RWL;SYST:LOC"  # what it takes before it is in remote mode
 STALE = (-230, "Data corrupt or stale")
 INTEGRATING = ("VOLT", "CURR", "RES", "FRES")
 NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)  # that it has
 FREQUENCIES = ("FREQ", "PER")
+OF_EACH_34401A_FUNCTION = (
+    Setting(":APERture", "APER", 0.1, "%+.8E", 0.01, 1.0),
+    Setting(":NPLCycles", "NPLC", 10.0, "%+.8E", NPLCS[0], NPLCS[-1]),
+    Setting(":RANGe[:UPPer]", "RANG", 1000.0, "%+.8E", 0.0, 120e6),
+    Setting(":RANGe:AUTO", "RANG:AUTO", 1, ON_OFF),
+)
 
 
 class Multimeter(Meter):
@@ -60,18 +66,13 @@ class Multimeter(Meter):
     TRIGGER: ClassVar[tuple[str, ...]]
 
     def digitize(self) -> str:
+        value: float | None = 0.0
         if self.measures_resistance:
             value = self.sample_ohm()
-            if value is None:
-                return ""
         elif self.function in VOLTAGES:
-            full_V = float(self.settings[self.function + ":RANG"])
-            automatic = self.settings[self.function + ":RANG:AUTO"]
-            value = self._plant.read_voltage_V()
-            if abs(value) > self.OVERRANGE * (self.VOLTAGE_RANGES_V[-1] if automatic else full_V):
-                value = copysign(inf, value)
-        else:
-            value = 0.0
+            value = self.within_voltage_range(self._plant.read_voltage_V(), self.function)
+        if value is None:
+            return ""
         return "%+.8E" % self.shown(self.filtered(value))  # noqa: UP031 - half the time of an f-string
 
     def reset(self) -> None:
@@ -82,22 +83,22 @@ class Multimeter(Meter):
     def configure(self, function: str) -> None:
         """Set a function's settings and the trigger to their defaults and choose it, as CONFigure does."""
         self.abort()
-        for name, value in self.default_settings().items():
-            if name.startswith((function + ":", *self.TRIGGER)):
-                self.settings[name] = value
-        if function in RESISTANCES:
-            self._range_index = min(1, len(self._ranges) - 1)
-        self.choose_function(function)
+        self._last = ""
+        for setting in self.SETTINGS:
+            if setting.name.startswith((function + ":", *self.TRIGGER)):
+                self.settings[setting.name] = setting.default
+        self.function = function
+        if self.measures_resistance:
+            self.choose_range(self.FIRST_RANGE_OHM)
+        self.send_test_current()
 
-    def _define_measuring(self, count: Callable[[], int]) -> None:
-        """READ, FETCh, INITiate and ABORt. count: of the readings that a trigger makes."""
-        self._tree.define(":READ", ask=lambda _: self.read(count()))
+    def _define_measuring(self, count: Callable[[], int], keep: bool) -> None:
+        """Define READ, FETCh, INITiate and ABORt. count: of the readings that a trigger makes; keep: of READ's, too."""
+        self._define_choice("[:SENSe#]:FUNCtion")
+        self._tree.define(":READ", ask=lambda _: self.read(count(), keep))
         self._tree.define(":FETCh", ask=lambda _: self.fetch())
-        self._define(":INITiate[:IMMediate]", lambda: self.store(count()))
+        self._define(":INITiate[:IMMediate]", lambda: self.initiate(count()))
         self._define(":ABORt", self.abort)
-
-    def store(self, count: int) -> None:
-        self.initiate(count)
 
 
 class Keithley2000(Multimeter):
@@ -143,27 +144,16 @@ class Keithley2000(Multimeter):
         ":SYSTem:BEEPer[:IMMediate]",
         ":STATus:PRESet",
         ":TRACe:CLEar",
+        *(f"[:SENSe#]:{header}:REFerence:ACQuire" for header in FUNCTIONS.values()),
     )
 
-    def averaged(self) -> int:
-        of_function = self.function + ":"
-        return int(self.settings[of_function + "AVER:COUN"]) if self.settings[of_function + "AVER:STAT"] else 1
-
-    def default_settings(self) -> dict[str, float | str]:
-        return super().default_settings() | {f"{function}:RANG": 1000.0 for function in self.FUNCTIONS}
-
     def _define_commands(self) -> None:
-        self._define_common()
-        self._define_choice("[:SENSe#]:FUNCtion")
-        self._define_measuring(lambda: int(self.settings["TRIG:COUN"]))
-        define = self._tree.define
+        self._define_measuring(lambda: int(self.settings["TRIG:COUN"]), keep=True)
         self._define(":STATus:QUEue:CLEar", self.errors.clear)
-        define(":CONFigure", ask=lambda _: f'"{self.function}"')
+        self._tree.define(":CONFigure", ask=lambda _: f'"{self.function}"')
         for function, header in self.FUNCTIONS.items():
-            self._define_range(function, "[:SENSe#]:" + header, 120e6, "%+.8E")
             self._define(":CONFigure:" + header, partial(self.configure, function))
-            define(f"[:SENSe#]:{header}:REFerence:ACQuire", set=lambda _: None)
-        define("[:SENSe#]:DATA:FRESh", ask=lambda _: self.fetch(fresh=True))
+        self._tree.define("[:SENSe#]:DATA:FRESh", ask=lambda _: self.fetch(fresh=True))
 
 
 class Hp34401A(Multimeter):
@@ -182,6 +172,7 @@ class Hp34401A(Multimeter):
     TERMINATOR = b"\r\n"
     TRIGGER = ("TRIG:", "SAMP:")
     NOT_A_NUMBER = OVERFLOW
+    NO_READING = STALE
     ABORTS = (b"\x03",)
     QUEUE_LENGTH = 20
     QUEUE_OVERFLOW = '-350,"Too many errors"'
@@ -207,70 +198,52 @@ class Hp34401A(Multimeter):
         Setting(":TRIGger:SOURce", "TRIG:SOUR", "IMM"),
         Setting(":SAMPle:COUNt", "SAMP:COUN", 1, "%+d", 1, 50000),
         Setting("[:SENSe]:DETector:BANDwidth", "DET:BAND", 20, "%+.8E", 3, 200),
+        Setting("[:SENSe]:ZERO:AUTO", "AZER", 1, ON_OFF),
         Setting(":SYSTem:BEEPer:STATe", "BEEP", 1, ON_OFF),
         Setting(":DISPlay[:WINDow#][:STATe]", "DISP", 1, ON_OFF),
         Setting(":DISPlay[:WINDow#]:TEXT[:DATA]", "TEXT", '""'),
         Setting(":INPut:IMPedance:AUTO", "IMP", 0, ON_OFF),
         Setting("*ESE", "*ESE", 0, "%+d", 0, 255),
+        *(
+            one.of(name, f"[:SENSe]:{header}" + (":VOLTage" * (name in FREQUENCIES and one.name.startswith("RANG"))))
+            for name, header in FUNCTIONS.items()
+            for one in OF_EACH_34401A_FUNCTION
+            if one.name != "NPLC" or name in INTEGRATING
+        ),
     )
     SILENT = (":SYSTem:BEEPer[:IMMediate]",)
 
     def _define_commands(self) -> None:
         self.remote = False
-        self.stored: str | None = None  # readings that can be fetched
-        self._keep = False
         self._unheard = 0  # characters that came while DTR was down
-
-        def enter_remote(_: Parameters) -> None:
-            self.remote = True
-
-        def leave_remote(_: Parameters) -> None:
-            self.remote = False
-
+        for word in ("REMote", "RWLock", "LOCal"):
+            self._define(":SYSTem:" + word, partial(setattr, self, "remote", word != "LOCal"))
+        self._in_local = {call.func for call in self._tree.parse(IN_LOCAL)}
+        self._define_measuring(lambda: int(self.settings["TRIG:COUN"]) * int(self.settings["SAMP:COUN"]), keep=False)
         define = self._tree.define
-        define(":SYSTem:REMote", set=enter_remote)
-        define(":SYSTem:RWLock", set=enter_remote)
-        define(":SYSTem:LOCal", set=leave_remote)
-        self._in_local: frozenset[Handler] = self._define_common() | {enter_remote, leave_remote}
-        self._define_choice("[:SENSe#]:FUNCtion")
         for function, header in self.FUNCTIONS.items():
-            self._define_function(function, header)
-        self._define_measuring(lambda: int(self.settings["TRIG:COUN"]) * int(self.settings["SAMP:COUN"]))
-        self._define_autozero("[:SENSe]:ZERO:AUTO")
-        define(":DATA:POINts", ask=lambda _: "+0" if self.stored is None else f"{self.stored.count(',') + 1:+d}")
+            define(":CONFigure:" + header, set=partial(self._configure, function))
+            define(":MEASure:" + header, ask=partial(self._measure, function))
+        define(":DATA:POINts", ask=lambda _: f"{len(self._last.split(',')) if self._last else 0:+d}")
         define(":SYSTem:VERSion", ask=lambda _: "1991.0")
         define(":ROUTe:TERMinals", ask=lambda _: "FRON")
 
-    def _define_function(self, function: str, header: str) -> None:
-        sense = "[:SENSe]:" + header + (":VOLTage" if function in FREQUENCIES else "")
-        self._define_setting(Setting(sense + ":RANGe:AUTO", f"{function}:RANG:AUTO", 1, ON_OFF))
-        aperture = f"[:SENSe]:{header}:APERture"
-        self._define_setting(Setting(aperture, f"{function}:APER", 0.1, "%+.8E", 0.01, 1.0))
-        self._define_range(function, sense, 1000.0, "%+.8E")
-        self._tree.define(":CONFigure:" + header, set=self._configuring(function, False))
-        self._tree.define(":MEASure:" + header, ask=self._configuring(function, True))
+    def _configure(self, function: str, parameters: Parameters) -> None:
+        """CONFigure: the first parameter is a range, the second a resolution, which is not kept."""
+        self.configure(function)
+        if parameters and parameters[0].upper() not in ("DEF", "DEFAULT", "AUTO") and function in RESISTANCES:
+            self.settings[f"{function}:RANG"] = number(parameters[:1], 0.0, 120e6, 1000.0)
+            self.changed(f"{function}:RANG")
 
-        def change_nplc(parameters: Parameters) -> None:
-            value = number(parameters, NPLCS[0], NPLCS[-1], 10.0)
-            self.settings[f"{function}:NPLC"] = next(nplc for nplc in NPLCS if value <= nplc)
+    def _measure(self, function: str, parameters: Parameters) -> None:
+        self._configure(function, parameters)
+        self.read(1, keep=False)
 
-        if function in INTEGRATING:
-            nplc = f"{function}:NPLC"
-            self._tree.define(sense + ":NPLCycles", set=change_nplc, ask=lambda _: f"{float(self.settings[nplc]):+.8E}")
-
-    def _configuring(self, function: str, then_read: bool) -> Callable[[Parameters], None]:
-        """CONFigure and MEASure: the first parameter is a range, the second a resolution, which is not kept."""
-
-        def act(parameters: Parameters) -> None:
-            self.configure(function)
-            if parameters and parameters[0].upper() not in ("DEF", "DEFAULT", "AUTO") and function in RESISTANCES:
-                value = number(parameters[:1], 0.0, 120e6, 1000.0)
-                self.settings[f"{function}:RANG:AUTO"] = 0
-                self.choose_range(value)
-            if then_read:
-                self.read(1)
-
-        return act
+    def changed(self, name: str) -> None:
+        """See `Meter.changed`. An integration time is the next one up that it has."""
+        super().changed(name)
+        if name.endswith(":NPLC"):
+            self.settings[name] = next(nplc for nplc in NPLCS if float(self.settings[name]) <= nplc)
 
     # ---- the line -------------------------------------------------------------------------------
 
@@ -306,48 +279,3 @@ class Hp34401A(Multimeter):
             self._calls.clear()
             return
         super()._run(call)
-
-    # ---- measuring ------------------------------------------------------------------------------
-
-    def store(self, count: int) -> None:
-        self.stored = None
-        self.initiate(count)
-        self._keep = True
-
-    def read(self, count: int) -> None:
-        super().read(count)
-        self.stored, self._keep = None, False
-
-    def fetch(self, fresh: bool = False) -> str | None:
-        """Return the readings that are kept, when they are there; it is an error if none are."""
-        if self.measuring and self._keep:
-            self._waiting = True
-            return None
-        if self.stored is None:
-            raise ScpiError(*STALE)
-        return self.stored
-
-    def _finish(self) -> None:
-        if self._keep:
-            self.stored = self._last
-
-    def aperture_s(self) -> float:
-        """See `Meter.aperture_s`; one line period in the functions that have no NPLC."""
-        return float(self.settings.get(self.function + ":NPLC", 1.0)) * LINE_PERIOD_S
-
-    # ---- settings -------------------------------------------------------------------------------
-
-    def default_settings(self) -> dict[str, float | str]:
-        settings = super().default_settings() | {"AZER": 1}
-        for function in self.FUNCTIONS:
-            values = {"RANG:AUTO": 1, "RANG": 1000.0, "APER": 0.1}
-            settings |= {f"{function}:{name}": value for name, value in values.items()}
-        return settings | {f"{function}:NPLC": 10.0 for function in INTEGRATING}
-
-    def reset(self) -> None:
-        self.stored = None
-        super().reset()
-
-    def configure(self, function: str) -> None:
-        self.stored = None
-        super().configure(function)

@@ -12,20 +12,17 @@ auto-ohms mode) the range sets the test current; otherwise the source's settings
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from math import inf, isinf, nan
 from typing import ClassVar
 
-from sim.instruments.meter import LINE_PERIOD_S, ON_OFF, REGISTERS, Meter, Setting
+from sim.instruments.meter import ON_OFF, REGISTERS, Meter, Setting
 from sim.instruments.scpi import (
     ILLEGAL_PARAMETER_VALUE,
     INVALID_CHARACTER_DATA,
     MISSING_PARAMETER,
     Parameters,
     ScpiError,
-    boolean,
-    number,
 )
 
 ELEMENTS = {"VOLT": "VOLTAGE", "CURR": "CURRENT", "RES": "RESISTANCE", "TIME": "TIME", "STAT": "STATUS"}
@@ -40,7 +37,6 @@ STALE = (-230, "Data corrupt or stale")
 OVERFLOWED, IN_COMPLIANCE, OUTPUT_ON = 1, 8, 4096  # bits of a reading's status word
 AUTOMATIC_DIGITS = 7  # with :FORMat:ASCii:PRECision 0
 ELEMENTS_2450 = {"SOUR": "SOURCE", "READ": "READING", "REL": "RELATIVE", "STAT": "STATUS"}
-LARGEST_2450 = {"RES": 200e6, "VOLT": 200.0, "CURR": 1.0}  # range of each function
 OF_EACH_2450_FUNCTION = (
     Setting(":NPLCycles", "NPLC", 1.0, "%g", 0.01, 10.0),
     Setting(":RSENse", "RSEN", 0, ON_OFF),
@@ -52,25 +48,36 @@ OF_EACH_2450_FUNCTION = (
 )
 
 
+def source_settings(level_text: str) -> tuple[Setting, ...]:
+    """Return the rows of the output and the source. level_text: a level's % format."""
+    levels = (("CURRent", "SOUR:CURR", 1.05), ("VOLTage", "SOUR:VOLT", 210.0))
+    return (
+        Setting(":OUTPut#[:STATe]", "OUTP", 0, ON_OFF),
+        Setting(":SOURce#:FUNCtion[:MODE]", "SOUR:FUNC", "VOLT", words=("CURRent", "VOLTage")),
+        *(
+            Setting(f":SOURce#:{word}[:LEVel][:IMMediate][:AMPLitude]", name, 0.0, level_text, -largest, largest)
+            for word, name, largest in levels
+        ),
+    )
+
+
 class SourceMeter(Meter):
     """A meter that sources its test current as long as its output is on. SOURCES: name and largest level of each."""
 
     # manual, table of resistance ranges
     RANGES = {20.0: 100e-3, 200.0: 10e-3, 2e3: 1e-3, 20e3: 100e-6, 200e3: 10e-6, 2e6: 1e-6, 20e6: 1e-6, 200e6: 100e-9}
     OVERRANGE = 1.05
-    SOURCES: ClassVar[Mapping[str, float]] = {"CURRent": 1.05, "VOLTage": 210.0}
-    LEVEL_TEXT: ClassVar[str]
+    FIRST_RANGE_OHM = 200e3
     FUNCTIONS = {"VOLT": "VOLTage[:DC]", "CURR": "CURRent[:DC]", "RES": "RESistance"}
     NOT_WHEN_OFF: ClassVar[tuple[int, str]]
     elements: tuple[str, ...]  # of a reply
-    output_is_on = False
 
     @property
     def test_current_A(self) -> float:
         """Return the current through the film now, A: nothing with the output off."""
-        if not self.output_is_on:
+        if not self.settings["OUTP"]:
             return 0.0
-        return self._ranges[self._range_index].test_current_A if self._in_ohms else self._sourced_A
+        return self.RANGES[self.full_scale_ohm] if self._in_ohms else self._sourced_A
 
     @property
     def _in_ohms(self) -> bool:
@@ -85,46 +92,17 @@ class SourceMeter(Meter):
     def function_text(self, function: str) -> str:
         return function if function == "RES" else function + ":DC"
 
-    def switch_output(self, on: bool) -> None:
-        self.output_is_on = on
-        self.send_test_current()
-
-    def initiate(self, count: int = 1) -> None:
+    def initiate(self, count: int = 1, keep: bool = True) -> None:
         """Begin `count` readings; it is an error if the output is off."""
-        if not self.output_is_on:
+        if not self.settings["OUTP"]:
             raise ScpiError(*self.NOT_WHEN_OFF)
-        super().initiate(count)
-
-    def default_settings(self) -> dict[str, float | str]:
-        return super().default_settings() | {"SOUR:FUNC": "VOLT", "SOUR:CURR": 0.0, "SOUR:VOLT": 0.0}
+        super().initiate(count, keep)
 
     def reset(self) -> None:
+        """See `Meter.reset`: output off, sources 0 V, measures current."""
         super().reset()
-        self._last = ""
-        self.output_is_on = False
-
-    def _define_source(self) -> None:
-        def output(parameters: Parameters) -> None:
-            self.switch_output(boolean(parameters))
-
-        def source(parameters: Parameters) -> None:
-            word = parameters[0].upper() if parameters else ""
-            if word not in ("CURR", "CURRENT", "VOLT", "VOLTAGE"):
-                raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
-            self.settings["SOUR:FUNC"] = word[:4]
-            self.send_test_current()
-
-        def level(name: str, largest: float, parameters: Parameters) -> None:
-            self.settings[name] = number(parameters, -largest, largest, 0.0)
-            self.send_test_current()
-
-        define = self._tree.define
-        define(":OUTPut#[:STATe]", set=output, ask=lambda _: str(int(self.output_is_on)))
-        define(":SOURce#:FUNCtion[:MODE]", set=source, ask=lambda _: str(self.settings["SOUR:FUNC"]))
-        for word, largest in self.SOURCES.items():
-            header, name = f":SOURce#:{word}[:LEVel][:IMMediate][:AMPLitude]", f"SOUR:{word[:4]}"
-            text = partial(lambda name, _: self.LEVEL_TEXT % self.settings[name], name)
-            define(header, set=partial(level, name, largest), ask=text)
+        self.function = "CURR"
+        self.send_test_current()
 
 
 class Keithley2400(SourceMeter):
@@ -137,11 +115,12 @@ class Keithley2400(SourceMeter):
     VOLTAGE_RANGES_V = (0.2, 2.0, 20.0, 200.0)
     IDENTITY = "KEITHLEY INSTRUMENTS INC.,MODEL 2400,1234567,C30   Mar 17 2006 09:29:29/A02  /K/J"
     BAUDRATE = 57600.0
-    LEVEL_TEXT = "%+.6E"
     NOT_WHEN_OFF = OUTPUT_IS_OFF
+    NO_READING = STALE
     enabled: set[str]  # functions that are measured
     SETTINGS = (
         *REGISTERS,
+        *source_settings("%+.6E"),
         Setting(":TRIGger[:SEQuence#]:COUNt", "TRIG:COUN", 1, "%d", 1, 2500),
         Setting(":TRIGger[:SEQuence#]:DELay", "TRIG:DEL", 0.0, "%.4f", 0.0, 999.9999),
         Setting(":ARM[:SEQuence#][:LAYer#]:COUNt", "ARM:COUN", 1, "%d", 1, 2500),
@@ -166,7 +145,9 @@ class Keithley2400(SourceMeter):
         ),
         Setting("[:SENSe#]:CURRent[:DC]:RANGe:AUTO", "CURR:RANG:AUTO", 1, ON_OFF),
         Setting("[:SENSe#]:VOLTage[:DC]:RANGe:AUTO", "VOLT:RANG:AUTO", 1, ON_OFF),
+        Setting("[:SENSe#]:RESistance:RANGe[:UPPer]", "RES:RANG", 2e5, "%+.6E", 0.0, 210e6),
         Setting("[:SENSe#]:RESistance:RANGe:AUTO", "RES:RANG:AUTO", 1, ON_OFF),
+        Setting("[:SENSe#]:RESistance:MODE", "RES:MODE", "MAN", words=("AUTO", "MANual")),
         *(
             Setting(f"[:SENSe#]:{of}:NPLCycles", "NPLC", 1.0, "%.2f", 0.01, 10.0)
             for of in SourceMeter.FUNCTIONS.values()
@@ -182,6 +163,7 @@ class Keithley2400(SourceMeter):
         Setting(":FORMat[:DATA]", "FORM", "ASC"),
         Setting(":CALCulate3:FORMat", "CALC3:FORM", "MEAN"),
         Setting(":SYSTem:RSENse", "RSEN", 0, ON_OFF),
+        Setting(":SYSTem:AZERo[:STATe]", "AZER", 1, ON_OFF),
         Setting(":DISPlay:ENABle", "DISP", 1, ON_OFF),
         Setting(":OUTPut#:SMODe", "SMOD", "NORM"),
         Setting(":ROUTe:TERMinals", "TERM", "FRON"),
@@ -197,13 +179,9 @@ class Keithley2400(SourceMeter):
     # ---- commands -------------------------------------------------------------------------------
 
     def _define_commands(self) -> None:
-        self._define_common()
-        self._define_source()
         define = self._tree.define
         define("[:SENSe#]:FUNCtion[:ON]", set=lambda p: self.choose_functions(self._named(p)), ask=self._enabled)
         self._define("[:SENSe#]:FUNCtion[:ON]:ALL", lambda: self.choose_functions(set(self.FUNCTIONS)))
-        define("[:SENSe#]:RESistance:MODE", set=self._set_mode, ask=lambda _: str(self.settings["RES:MODE"]))
-        self._define_range("RES", "[:SENSe#]:RESistance", 210e3, "%+.6E", 210e6)
         for function, header in self.FUNCTIONS.items():
             define(":MEASure:" + header, ask=partial(self._measure, function))
         define(":READ", ask=lambda _: self.read(self._count()))
@@ -212,7 +190,6 @@ class Keithley2400(SourceMeter):
         self._define(":ABORt", self.abort)
         define(":FORMat:ELEMents[:SENSe#]", set=self._choose_elements, ask=lambda _: ",".join(self.elements))
         define(":CALCulate3:DATA", ask=lambda _: "+0.000000E+00,+0.000000E+00,+0.000000E+00")
-        self._define_autozero(":SYSTem:AZERo[:STATe]")
         define(":STATus:QUEue[:NEXT]", ask=lambda _: self.next_error())
         self._define(":STATus:QUEue:CLEar", self.errors.clear)
 
@@ -229,13 +206,6 @@ class Keithley2400(SourceMeter):
 
     def _enabled(self, _: Parameters) -> str:
         return ",".join(f'"{self.function_text(name)}"' for name in self.FUNCTIONS if name in self.enabled)
-
-    def _set_mode(self, parameters: Parameters) -> None:
-        word = parameters[0].upper() if parameters else ""
-        if word not in ("AUTO", "MAN", "MANUAL"):
-            raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
-        self.settings["RES:MODE"] = word if word == "AUTO" else "MAN"
-        self.send_test_current()
 
     def _choose_elements(self, parameters: Parameters) -> None:
         if not parameters:
@@ -278,33 +248,24 @@ class Keithley2400(SourceMeter):
         self.enabled = self.enabled | names if self.settings["CONC"] else names
         self.send_test_current()
 
-    def initiate(self, count: int = 1) -> None:
+    def initiate(self, count: int = 1, keep: bool = True) -> None:
         """See `SourceMeter.initiate`; with automatic clear the output is switched on for the readings."""
-        if self.settings["SOUR:CLE"] and not self.output_is_on:
-            self.switch_output(True)
-        super().initiate(count)
-
-    def fetch(self, fresh: bool = False) -> str | None:
-        """See `Meter.fetch`; it is an error if there is none yet."""
-        if not (self.measuring or self._last):
-            raise ScpiError(*STALE)
-        return super().fetch(fresh)
+        self._clear(on=True)
+        super().initiate(count, keep)
 
     def _finish(self) -> None:
+        self._clear(on=False)
+
+    def _clear(self, on: bool) -> None:
         if self.settings["SOUR:CLE"]:
-            self.switch_output(False)
-
-    def aperture_s(self) -> float:
-        return float(self.settings["NPLC"]) * LINE_PERIOD_S
-
-    def averaged(self) -> int:
-        return int(self.settings["AVER:COUN"]) if self.settings["AVER"] else 1
+            self.settings["OUTP"] = int(on)
+            self.send_test_current()
 
     def digitize(self) -> str:
         voltage_V, current_A, resistance_ohm = self._measured()
         if resistance_ohm is None:
             return ""
-        status = OUTPUT_ON if self.output_is_on else 0
+        status = OUTPUT_ON if self.settings["OUTP"] else 0
         status |= OVERFLOWED if isinf(resistance_ohm if self.measures_resistance else voltage_V) else 0
         status |= IN_COMPLIANCE if not self._in_ohms and voltage_V == self.settings["VOLT:PROT"] else 0
         volts = "VOLT" in self.enabled or not self._sources_current
@@ -330,9 +291,7 @@ class Keithley2400(SourceMeter):
         if self._sources_current:
             limit_V = float(self.settings["VOLT:PROT"])
             if not current_A:  # the voltage at the input is not of this meter's making
-                full_V = self.voltage_range_V(abs(float(self.settings["VOLT:RANG"])))
-                voltage_V = self.within_voltage_range(self._plant.read_voltage_V(), full_V, "VOLT")
-                return self.filtered(voltage_V), 0.0, inf
+                return self.filtered(self.within_voltage_range(self._plant.read_voltage_V(), "VOLT")), 0.0, inf
             voltage_V = min(limit_V, max(-limit_V, ohm * current_A))
             return voltage_V, voltage_V / ohm if abs(voltage_V) == limit_V else current_A, ohm
         limit_A, voltage_V = float(self.settings["CURR:PROT"]), float(self.settings["SOUR:VOLT"])
@@ -342,17 +301,13 @@ class Keithley2400(SourceMeter):
 
     # ---- settings -------------------------------------------------------------------------------
 
-    def default_settings(self) -> dict[str, float | str]:
-        return super().default_settings() | {"RES:MODE": "MAN", "AZER": 1}
-
     def reset(self) -> None:
-        """See `Meter.reset`: output off, sources 0 V, measures current, manual ohms, all elements."""
-        super().reset()
-        self.function = "RES"  # whose range and autorange are in use
+        """See `SourceMeter.reset`: manual ohms, all elements."""
         self.enabled = {"CURR"}
         self.elements = tuple(ELEMENTS)
         self._driven_A = 0.0
-        self.choose_range(210e3)
+        super().reset()
+        self.function = "RES"  # whose range and autorange are in use
 
     def configure(self, function: str) -> None:
         """Measure this function alone, one reading a trigger, as CONFigure does."""
@@ -374,10 +329,10 @@ class Keithley2450(SourceMeter):
     BAUDRATE = 115200.0
     ABORTS = ()
     NO_ERROR = '0,"No error;0;0 0"'
-    LEVEL_TEXT = "%.6E"
     NOT_WHEN_OFF = (-221, "Settings conflict")
     SETTINGS = (
         *REGISTERS[:2],
+        *source_settings("%.6E"),
         Setting(":FORMat:ASCii:PRECision", "PREC", 0, "%d", 0, 16),
         Setting(":FORMat[:DATA]", "FORM", "ASC"),
         Setting("[:SENSe#]:COUNt", "COUN", 1, "%d", 1, 300000),
@@ -393,17 +348,17 @@ class Keithley2450(SourceMeter):
             for name, header in SourceMeter.FUNCTIONS.items()
             for one in OF_EACH_2450_FUNCTION
         ),
+        Setting("[:SENSe#]:RESistance:RANGe[:UPPer]", "RES:RANG", 2e5, "%g", 0.0, 200e6),
+        Setting("[:SENSe#]:VOLTage[:DC]:RANGe[:UPPer]", "VOLT:RANG", 20.0, "%g", 0.0, 200.0),
+        Setting("[:SENSe#]:CURRent[:DC]:RANGe[:UPPer]", "CURR:RANG", 1e-4, "%g", 0.0, 1.0),
     )
     _values: dict[str, float]  # of the last reading, by element
     SILENT = (":ABORt", "*LANG", ":TRACe:CLEar", ":SYSTem:CLEar")
 
     def _define_commands(self) -> None:
-        self._define_common()
-        self._define_source()
         self._define_choice("[:SENSe#]:FUNCtion[:ON]")
         define = self._tree.define
         for function, header in self.FUNCTIONS.items():
-            self._define_range(function, "[:SENSe#]:" + header, LARGEST_2450[function], "%g", LARGEST_2450[function])
             define(":MEASure:" + header, ask=partial(self._measure, function))
         define(":READ", ask=self._read_elements)
         define(":MEASure", ask=self._read_elements)
@@ -432,9 +387,6 @@ class Keithley2450(SourceMeter):
         self.choose_function(function)
         self._read_elements(parameters)
 
-    def averaged(self) -> int:
-        return int(self.settings[self.function + ":AVER:COUN"]) if self.settings[self.function + ":AVER"] else 1
-
     def digitize(self) -> str:
         value: float | None = self.test_current_A
         if self.measures_resistance:
@@ -452,7 +404,7 @@ class Keithley2450(SourceMeter):
         current_A = self.test_current_A
         plant = self._plant
         voltage_V = current_A * plant.read_resistance_ohm(current_A) if current_A else plant.read_voltage_V()
-        return self.within_voltage_range(voltage_V, float(self.settings["VOLT:RANG"]), "VOLT")
+        return self.within_voltage_range(voltage_V, "VOLT")
 
     def _text(self) -> str:
         digits = int(self.settings["PREC"]) or AUTOMATIC_DIGITS
@@ -462,14 +414,7 @@ class Keithley2450(SourceMeter):
         """See `ScpiInstrument.push_error`; an event has a kind and a date."""
         super().push_error(text.removesuffix('"') + ';1;2026/01/01 00:00:00.000"')
 
-    def default_settings(self) -> dict[str, float | str]:
-        return super().default_settings() | {"VOLT:RANG": 20.0, "CURR:RANG": 1e-4, "RES:RANG": 0.0}
-
     def reset(self) -> None:
-        """See `Meter.reset`: output off, sources 0 V, measures current."""
-        super().reset()
         self.elements = ("READ",)
         self._values = {}
-        self.function = "CURR"
-        self.choose_range(210e3)
-        self.send_test_current()
+        super().reset()

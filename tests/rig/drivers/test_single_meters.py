@@ -114,7 +114,7 @@ def meter(name: str, smu: Any, attach: Attach, clock: VirtualClock) -> Any:
 
 def test_test_currents_of_the_manual(smu: Any, plant: StillPlant, name: str) -> None:
     """Table on page 4-14; not verified for the 2450."""
-    smu.switch_output(True)
+    smu.settings["OUTP"] = 1
     smu.enabled, smu.function, smu.settings["RES:MODE"] = {"RES"}, "RES", "AUTO"
     for full_scale_ohm, current_A in SourceMeter.TEST_CURRENTS_A.items():
         smu.choose_range(full_scale_ohm)
