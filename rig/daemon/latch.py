@@ -3,15 +3,13 @@
 It holds in memory at once, and is reported when it is on disk (`LatchStore`). On disk it is a file that no kill, full
 disk or power cut turns into "nothing is latched":
 
-    bench.latch    slot 0, slot 1, each of SLOT bytes
-    slot           peltier latch 1 SHA-256-OF-THE-REST
-                   {"sequence": 7, "state": "tripped", "cause": "...", "text": "...", "at_s": ...}
-                   spaces up to the slot's end
+    bench.latch    peltier latch 2 SHA-256-OF-THE-REST
+                   {"state": "tripped", "cause": "...", "text": "...", "at_s": ...}
+                   spaces up to SIZE bytes
 
-The file is created under another name, both slots written and synced, and renamed when it is whole: its space is
-allocated from then on. A change goes into the slot with the smaller sequence number, in place, and is synced. If that
-is cut short the other slot is whole, but it may say "clear" while the one that was cut short was to say "tripped": so a
-slot that cannot be read makes the whole latch unreadable, which counts as a trip. At the daemon's start:
+The file is created under another name, synced, and renamed when it is whole: its space is allocated from then on. A
+change is written in place and synced. One that is cut short leaves a file whose sum is wrong; a file that cannot be
+read counts as a trip. At the daemon's start:
 
 | the latch's file  | the history   | then the bench is                |
 |-------------------|---------------|----------------------------------|
@@ -25,7 +23,6 @@ It is on disk before a history is begun, so that no kill leaves a history withou
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
@@ -35,27 +32,24 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rig.core.file_writing import replacing
+
 # rows kept with a trip: at one to ten rows a second those that led to it, and those that followed
 ROWS_BEFORE, ROWS_AFTER = 40, 20
 CLEAR, STOPPED, TRIPPED = "clear", "stopped", "tripped"
 OFF_CONTRADICTED = "off_contradicted"  # trip of a temperature that contradicts a confirmed "off"
 UNKNOWN = "what was latched is not known: look at the bench before you reset it"
 LATCH = "bench.latch"
-SLOT = 4096  # bytes: a page, which the kernel writes whole whenever the process is killed; and no sector of both slots
-SLOTS = 2
-LONGEST_TEXT = 3000  # bytes of JSON: with its heading and the other fields it stays below a slot
-HEADING = b"peltier latch 1 "
+SIZE = 4096  # bytes: a page, which the kernel writes whole whenever the process is killed
+LONGEST_TEXT = 3000  # bytes of JSON: with its heading and the other fields it stays below the size
+HEADING = b"peltier latch 2 "
 DIGEST = 64  # characters of a SHA-256
 PATIENCE_S = 5.0  # a card or a disk under load syncs within a second or two; `peltier stop` waits 15 s for its answer
 TRY_AGAIN_S = 1.0
 
 
 class Unreadable(Exception):
-    """The file is there and does not say what is latched. readable: the entry of its other slot, if that is whole."""
-
-    def __init__(self, why: str, readable: Entry | None = None) -> None:
-        self.readable = readable
-        super().__init__(why)
+    """The file is there and does not say what is latched."""
 
 
 class NotCleared(Exception):
@@ -120,8 +114,7 @@ def latch_at_start(path: Path, history_was_there: bool, now_s: float) -> Latch |
     try:
         entry = read(path)
     except Unreadable as error:
-        other = f"; its other slot says: {error.readable.state}, {error.readable.text}" if error.readable else ""
-        return Latch(TRIPPED, "latch", f"the latch could not be read ({error}{other}); {UNKNOWN}", now_s)
+        return Latch(TRIPPED, "latch", f"the latch could not be read ({error}); {UNKNOWN}", now_s)
     if entry is None and history_was_there:
         return Latch(TRIPPED, "latch", f"the latch's file {path} is missing beside a history; {UNKNOWN}", now_s)
     if entry is None or entry.state == CLEAR:
@@ -263,56 +256,31 @@ def read(path: Path) -> Entry | None:
         return None
     except OSError as error:
         raise Unreadable(f"{path}: {error.strerror or error}") from None
-    if len(data) != SLOTS * SLOT:
-        raise Unreadable(f"{path} has {len(data)} bytes; expected {SLOTS * SLOT}")
-    known = sorted((slot for slot in _parsed_slots(data) if slot is not None), key=lambda slot: slot[0])
-    if len(known) < SLOTS:
-        raise Unreadable(f"{path}: {SLOTS - len(known)} of its {SLOTS} slots damaged", known[-1][1] if known else None)
-    if known[1][0] != known[0][0] + 1:
-        raise Unreadable(f"{path}: slots {known[0][0]} and {known[1][0]} do not follow one another", known[1][1])
-    return known[1][1]
+    if len(data) != SIZE:
+        raise Unreadable(f"{path} has {len(data)} bytes; expected {SIZE}")
+    begin = len(HEADING) + DIGEST
+    if data[:begin] != HEADING + _digest(data[begin:]):
+        raise Unreadable(f"{path} is damaged: its sum is wrong")
+    try:
+        document = json.loads(data[begin:])
+        state, cause, text = (str(document[key]) for key in ("state", "cause", "text"))
+        entry = Entry(state, cause, text, float(document["at_s"]))
+    except (ValueError, TypeError, KeyError) as error:
+        raise Unreadable(f"{path}: {error!r}") from None
+    if state not in (CLEAR, STOPPED, TRIPPED):
+        raise Unreadable(f"{path}: state {state!r}")
+    return entry
 
 
 def write(path: Path, entry: Entry) -> None:
     """Write the entry; it is on disk when this returns. Raises OSError: then the old one is, the new, or neither."""
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        data = b""
-    if len(data) != SLOTS * SLOT:
-        _create(path, entry)
+    content = _content(entry)
+    if path.is_file() and path.stat().st_size == SIZE:
+        _put(path, content, os.O_WRONLY)
         return
-    slots = _parsed_slots(data)
-    sequences = [slot[0] if slot is not None else 0 for slot in slots]
-    damaged = [k for k, slot in enumerate(slots) if slot is None]
-    descriptor = os.open(path, os.O_WRONLY)
-    try:
-        _allocate(descriptor)
-        for number, k in enumerate(damaged or [sequences.index(min(sequences))], start=max(sequences) + 1):
-            _put(descriptor, k, _slot(number, entry))
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def _create(path: Path, entry: Entry) -> None:
-    """Create the file, under its name only when it is whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_name(f"{path.name}.new")
-    try:
-        descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-        try:
-            _allocate(descriptor)
-            for k in range(SLOTS):
-                _put(descriptor, k, _slot(k + 1, entry))
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-        os.replace(new, path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            new.unlink()  # a part of it would take room away from the next trial
-        raise
+    with replacing(path) as new:
+        _put(new, content, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)  # the name
@@ -320,42 +288,27 @@ def _create(path: Path, entry: Entry) -> None:
         os.close(folder)
 
 
-def _allocate(descriptor: int) -> None:
-    """Allocate the space of all slots: a copy of the file may have holes. Raises OSError."""
-    if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(descriptor, 0, SLOTS * SLOT)
+def _put(path: Path, content: bytes, flags: int) -> None:
+    descriptor = os.open(path, flags, 0o644)
+    try:
+        if hasattr(os, "posix_fallocate"):  # all of the space: a copy of the file may have holes
+            os.posix_fallocate(descriptor, 0, SIZE)
+        written = os.pwrite(descriptor, content, 0)
+        if written != len(content):
+            raise OSError(f"only {written} of {len(content)} bytes were written")
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
-def _put(descriptor: int, k: int, slot: bytes) -> None:
-    written = os.pwrite(descriptor, slot, k * SLOT)
-    if written != len(slot):
-        raise OSError(f"only {written} of {len(slot)} bytes were written")
-
-
-def _slot(sequence: int, entry: Entry) -> bytes:
-    document = {"sequence": sequence, **asdict(entry)}
+def _content(entry: Entry) -> bytes:
+    document = asdict(entry)
     while len(json.dumps(document["text"])) > LONGEST_TEXT:
         document["text"] = document["text"][: len(document["text"]) * 9 // 10]
     rest = b"\n" + json.dumps(document).encode() + b"\n"
-    rest = rest.ljust(SLOT - len(HEADING) - DIGEST)
-    return HEADING + hashlib.sha256(rest).hexdigest().encode() + rest
+    rest = rest.ljust(SIZE - len(HEADING) - DIGEST)
+    return HEADING + _digest(rest) + rest
 
 
-def _parsed_slots(data: bytes) -> list[tuple[int, Entry] | None]:
-    """Return (sequence, entry) of each slot; None for a damaged one."""
-    return [_parsed(data[k * SLOT : (k + 1) * SLOT]) for k in range(SLOTS)]
-
-
-def _parsed(slot: bytes) -> tuple[int, Entry] | None:
-    begin = len(HEADING)
-    rest = slot[begin + DIGEST :]
-    if slot[:begin] != HEADING or slot[begin : begin + DIGEST] != hashlib.sha256(rest).hexdigest().encode():
-        return None
-    try:
-        document = json.loads(rest)
-        state, cause, text = (str(document[key]) for key in ("state", "cause", "text"))
-        entry = Entry(state, cause, text, float(document["at_s"]))
-        sequence = int(document["sequence"])
-    except (ValueError, TypeError, KeyError):
-        return None
-    return (sequence, entry) if entry.state in (CLEAR, STOPPED, TRIPPED) else None
+def _digest(data: bytes) -> bytes:
+    return hashlib.sha256(data).hexdigest().encode()

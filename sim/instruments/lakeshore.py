@@ -11,10 +11,10 @@ status register.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from math import inf, isnan, nan
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from sim.instruments.instrument import TICK_S, Plant, Regulator, Ticking
 from sim.instruments.scpi import DATA_OUT_OF_RANGE, MISSING_PARAMETER, Parameters, ScpiError, ScpiInstrument
@@ -30,20 +30,43 @@ INVALID = 1  # of a reading's status
 IGNORED = ("EMUL", "MODE", "LOCK", "BRIGT", "LEDS", "DISPLAY", "FILTER", "INCRV", "*CLS", "*SRE", "*OPC")
 
 
+Span = tuple[float, float]
+
+
+class Command(NamedTuple):
+    """A row of the command table: numbers of an input or output that are set, kept and answered.
+
+    text: their % format; spans: of each.
+    """
+
+    default: tuple[float, ...]
+    text: str
+    spans: tuple[Span, ...]
+
+
+OF_INPUTS = {
+    "TLIMIT": Command((0.0,), "%+09.3f", ((0.0, 9999.0),)),
+    "INTYPE": Command((2, 0, 1, 0, KELVIN_UNITS), "%d,%d,%d,%d,%d", ((0, 4), (0, 1), (0, 8), (0, 1), (1, 3))),
+}
+OF_OUTPUTS = {
+    "HTRSET": Command((1, 0, 1.0, 1), "%.0f,%.0f,%+.3f,%.0f", ((1, 2), (0, 4), (0.0, 2.0), (1, 2))),
+    "OUTMODE": Command((OFF, 1, 0), "%d,%d,%d", ((0, 5), (0, 4), (0, 1))),
+    "RANGE": Command((0,), "%d", ((0, 3),)),
+    "MOUT": Command((0.0,), "%+06.2f", ((0.0, 100.0),)),
+    "SETP": Command((0.0,), "%+08.3f", ((-1e4, 1e4),)),
+    "PID": Command((50.0, 20.0, 0.0), "%+07.1f,%+07.1f,%+07.1f", ((0.1, 1000.0), (0.0, 1000.0), (0.0, 200.0))),
+    "RAMP": Command((0, 0.1), "%d,%+06.2f", ((0, 1), (0.0, 100.0))),
+}
+OF_335 = {  # it has the output's type in front, and two inputs
+    "HTRSET": Command((0, 1, 0, 1.0, 1), "%.0f,%.0f,%.0f,%+.3f,%.0f", ((0, 1), (1, 2), (0, 4), (0.0, 2.0), (1, 2))),
+    "OUTMODE": Command((OFF, 1, 0), "%d,%d,%d", ((0, 5), (0, 2), (0, 1))),
+}
+
+
 @dataclass
 class Output:
-    """One heater output, as its commands set it. setup: HTRSET without the output's number."""
+    """What a heater output does."""
 
-    setup: list[float]
-    mode: int = OFF
-    input: int = 1
-    stays_on: int = 0
-    range: int = 0
-    manual_percent: float = 0.0
-    setpoint: float = 0.0
-    gains: tuple[float, float, float] = (50.0, 20.0, 0.0)
-    ramps: int = 0
-    ramp_K_per_min: float = 0.1
     percent: float = 0.0
     heater_error: int = 0
     regulator: Regulator = field(default_factory=Regulator)
@@ -76,16 +99,17 @@ class LakeShore(ScpiInstrument, Ticking):
         self.identity = f"LSCI,MODEL{model},335A123/#######,1.5"
         self.inputs = INPUTS[model]
         self._plate_input, self._plate_output, self._full_drive_A = input, output, full_drive_A
-        setup = [0.0, 1.0, 0.0, 1.0, 1.0] if model == "335" else [1.0, 0.0, 1.0, 1.0]
-        self.outputs = {number: Output(list(setup)) for number in ((1, 2) if model == "335" else (1, 2, 3, 4))}
-        self.limits_K = dict.fromkeys(self.inputs, 0.0)
+        self.outputs = {number: Output() for number in ((1, 2) if model == "335" else (1, 2, 3, 4))}
+        self.values: dict[tuple[str, str | int], tuple[float, ...]] = {}
         self._update_s = update_s
         self._readings: dict[str, tuple[float, float]] = {}  # until when, K
-        self.input_types = {name: [2, 0, 1, 0, KELVIN_UNITS] for name in self.inputs}
         self.event_enable, self.event_status = 0, POWER_ON
         self._define_common()
-        self._define_inputs()
-        self._define_outputs()
+        self._define_readings()
+        for word, command in OF_INPUTS.items():
+            self._define_numbers(word, command, self._input, self.inputs)
+        for word, command in (OF_OUTPUTS | OF_335 if model == "335" else OF_OUTPUTS).items():
+            self._define_numbers(word, command, self._output, self.outputs)
         self._start_ticking(start_s)
 
     # ---- commands -------------------------------------------------------------------------------
@@ -101,12 +125,9 @@ class LakeShore(ScpiInstrument, Ticking):
             found, self.event_status = self.event_status, 0
             return f"{found:03d}"
 
-        def reset(_: Parameters) -> None:
-            self.reset()
-
         define = self._tree.define
         define("*IDN", ask=lambda _: self.identity)
-        define("*RST", set=reset)
+        define("*RST", set=lambda _: self.reset())
         define("*ESE", set=enable, ask=lambda _: f"{self.event_enable:03d}")
         define("*ESR", ask=status)
         define("*OPC", ask=lambda _: "1")
@@ -123,73 +144,39 @@ class LakeShore(ScpiInstrument, Ticking):
             raise ScpiError(*DATA_OUT_OF_RANGE)
         return name
 
-    def _define_inputs(self) -> None:
+    def _define_readings(self) -> None:
         def shown(value: float) -> str:
             return "+000.000" if isnan(value) else f"{value:+08.3f}"
 
-        def limit(parameters: Parameters) -> None:
-            (self.limits_K[self._input(parameters)],) = _numbers(parameters[1:], (0.0, 9999.0))
-
-        def kind(parameters: Parameters) -> None:
-            values = _numbers(parameters[1:], (0, 4), (0, 1), (0, 8), (0, 1), (1, 3))
-            self.input_types[self._input(parameters)] = [int(value) for value in values]
-
-        define, named = self._tree.define, self._input
+        define, named, output = self._tree.define, self._input, self._output
         define("KRDG", ask=lambda p: shown(self.reading_K(named(p))))
         define("CRDG", ask=lambda p: shown(self.reading_K(named(p)) - KELVIN))
         define("SRDG", ask=lambda p: shown(self.reading_K(named(p))))
         define("RDGST", ask=lambda p: f"{INVALID if isnan(self.reading_K(named(p))) else 0:03d}")
-        define("TLIMIT", set=limit, ask=lambda p: f"{self.limits_K[named(p)]:+09.3f}")
-        define("INTYPE", set=kind, ask=lambda p: ",".join(map(str, self.input_types[named(p)])))
         define("INNAME", ask=lambda p: f"Input {named(p)}       ")
 
-    def _output(self, parameters: Parameters) -> Output:
+        define("HTR", ask=lambda p: f"{self.outputs[output(p)].percent:+06.1f}")
+        define("HTRST", ask=lambda p: f"{self.outputs[output(p)].heater_error}")
+        define("RAMPST", ask=lambda _: "0")
+
+    def _output(self, parameters: Parameters) -> int:
         if not parameters or not parameters[0].strip().isascii() or not parameters[0].strip().isdigit():
             raise ScpiError(*MISSING_PARAMETER)
-        output = self.outputs.get(int(parameters[0]))
-        if output is None:
+        if int(parameters[0]) not in self.outputs:
             raise ScpiError(*DATA_OUT_OF_RANGE)
-        return output
+        return int(parameters[0])
 
-    def _define_outputs(self) -> None:
-        def define(
-            word: str, take: Callable[[Output, list[float]], None], text: Callable[[Output], str], *spans: Span
-        ) -> None:
-            def change(parameters: Parameters) -> None:
-                output = self._output(parameters)
-                take(output, _numbers(parameters[1:], *spans))
-                self.changed(output)
+    def _define_numbers(
+        self, word: str, command: Command, named: Callable[[Parameters], str | int], all_of_them: Iterable[str | int]
+    ) -> None:
+        """Define a row of the command table. named: returns the input or output that a command is for."""
 
-            self._tree.define(word, set=change, ask=lambda p: text(self._output(p)))
+        def change(parameters: Parameters) -> None:
+            self.values[word, named(parameters)] = _numbers(parameters[1:], *command.spans)
+            self.changed()
 
-        def mode(output: Output, values: list[float]) -> None:
-            output.mode, output.input, output.stays_on = (int(value) for value in values)
-
-        def gains(output: Output, values: list[float]) -> None:
-            output.gains = (values[0], values[1], values[2])
-
-        def ramp(output: Output, values: list[float]) -> None:
-            output.ramps, output.ramp_K_per_min = int(values[0]), values[1]
-
-        def keep(name: str) -> Callable[[Output, list[float]], None]:
-            return lambda output, values: setattr(output, name, values[0])
-
-        def setup(output: Output, values: list[float]) -> None:
-            output.setup = values
-
-        kind = ((0.0, 1.0),) if len(self.outputs[1].setup) == 5 else ()  # the 335 has the output's type in front
-        define("HTRSET", setup, _setup_text, *kind, (1, 2), (0, 4), (0.0, 2.0), (1, 2))
-        inputs = (0, len(self.inputs))
-        define("OUTMODE", mode, lambda o: f"{o.mode},{o.input},{o.stays_on}", (0, 5), inputs, (0, 1))
-        define("RANGE", keep("range"), lambda o: f"{o.range:.0f}", (0, 3))
-        define("MOUT", keep("manual_percent"), lambda o: f"{o.manual_percent:+06.2f}", (0.0, 100.0))
-        define("SETP", keep("setpoint"), lambda o: f"{o.setpoint:+08.3f}", (-1e4, 1e4))
-        pid = (0.1, 1000.0), (0.0, 1000.0), (0.0, 200.0)
-        define("PID", gains, lambda o: ",".join(f"{value:+07.1f}" for value in o.gains), *pid)
-        define("RAMP", ramp, lambda o: f"{o.ramps},{o.ramp_K_per_min:+06.2f}", (0, 1), (0.0, 100.0))
-        self._tree.define("HTR", ask=lambda p: f"{self._output(p).percent:+06.1f}")
-        self._tree.define("HTRST", ask=lambda p: f"{self._output(p).heater_error}")
-        self._tree.define("RAMPST", ask=lambda _: "0")
+        self.values |= {(word, one): command.default for one in all_of_them}
+        self._tree.define(word, set=change, ask=lambda p: command.text % self.values[word, named(p)])
 
     # ---- sensors --------------------------------------------------------------------------------
 
@@ -203,49 +190,47 @@ class LakeShore(ScpiInstrument, Ticking):
             self._readings[name] = self._now_s + self._update_s, shown_K
         return shown_K
 
-    def setpoint_K(self, output: Output) -> float:
+    def setpoint_K(self, number: int) -> float:
         """Return an output's setpoint, which counts in the units of its input, in K."""
-        kelvin = self.input_types[self.inputs[max(output.input, 1) - 1]][-1] == KELVIN_UNITS
-        return output.setpoint if kelvin else output.setpoint + KELVIN
+        (setpoint,), (_, source, _) = self.values["SETP", number], self.values["OUTMODE", number]
+        units = self.values["INTYPE", self.inputs[max(int(source), 1) - 1]][-1]
+        return setpoint if units == KELVIN_UNITS else setpoint + KELVIN
 
     # ---- outputs --------------------------------------------------------------------------------
 
-    def changed(self, output: Output) -> None:
-        """Let a setting act, at once but for the control loop, which acts at its next sample."""
-        if output.range == 0 or output.mode == OFF:
-            output.percent = 0.0
-            output.regulator.start()
-        elif output.mode == OPEN_LOOP:
-            output.percent = output.manual_percent
-        self._drive()
-
-    def _drive(self) -> None:
-        output = self.outputs[self._plate_output]
-        current_A = output.percent / 100.0 * POWER.get(output.range, 1.0) * self._full_drive_A
-        if current_A != self._plant.current_A:
-            self._plant.set_current_A(current_A)
+    def changed(self) -> None:
+        """Let the settings act, at once but for the control loop, which acts at its next sample."""
+        for number, output in self.outputs.items():
+            mode = self.values["OUTMODE", number][0]
+            if self.values["RANGE", number][0] == 0 or mode == OFF:
+                output.percent = 0.0
+                output.regulator.start()
+            elif mode == OPEN_LOOP:
+                output.percent = self.values["MOUT", number][0]
+        power = (
+            self.outputs[self._plate_output].percent / 100.0 * POWER[int(self.values["RANGE", self._plate_output][0])]
+        )
+        if power * self._full_drive_A != self._plant.current_A:
+            self._plant.set_current_A(power * self._full_drive_A)
 
     def _control(self) -> None:
         readings_K = {name: self.reading_K(name) for name in self.inputs}
-        if any(limit_K and readings_K[name] > limit_K for name, limit_K in self.limits_K.items()):
-            for output in self.outputs.values():
-                output.range = 0
-        for output in self.outputs.values():
-            if output.mode == CLOSED_LOOP and output.range and output.input:
-                self._regulate(output, readings_K[self.inputs[output.input - 1]])
-            else:
-                self.changed(output)
-        self._drive()
+        limits_K = {name: self.values["TLIMIT", name][0] for name in self.inputs}
+        if any(limits_K[name] and reading_K > limits_K[name] for name, reading_K in readings_K.items()):
+            self.values |= {("RANGE", number): (0,) for number in self.outputs}
+        for number, output in self.outputs.items():
+            mode, source, _ = self.values["OUTMODE", number]
+            if mode == CLOSED_LOOP and self.values["RANGE", number][0] and source:
+                reading_K = readings_K[self.inputs[int(source) - 1]]
+                output.percent = 0.0 if isnan(reading_K) else self._regulated(number, output, reading_K)
+        self.changed()
 
-    def _regulate(self, output: Output, reading_K: float) -> None:
-        if isnan(reading_K):
-            output.percent = 0.0
-            return
-        gain, integral, derivative = output.gains
-        output.percent = output.regulator.step(
-            self.setpoint_K(output),
+    def _regulated(self, number: int, output: Output, reading_K: float) -> float:
+        (gain, integral, derivative), (ramps, ramp_K_per_min) = self.values["PID", number], self.values["RAMP", number]
+        return output.regulator.step(
+            self.setpoint_K(number),
             reading_K,
-            ramp_K_per_s=output.ramp_K_per_min / 60.0 if output.ramps else 0.0,
+            ramp_K_per_s=ramp_K_per_min / 60.0 if ramps else 0.0,
             gain_percent_per_K=gain,
             integral_time_s=1000.0 / integral if integral else 0.0,
             derivative_time_s=derivative / 100.0,
@@ -254,15 +239,12 @@ class LakeShore(ScpiInstrument, Ticking):
 
     def reset(self) -> None:
         """Switch the outputs off, as after power on; limits stay."""
-        for output in self.outputs.values():
-            output.mode, output.range, output.manual_percent = OFF, 0, 0.0
-            self.changed(output)
+        for word in ("OUTMODE", "RANGE", "MOUT"):
+            self.values |= {(word, number): OF_OUTPUTS[word].default for number in self.outputs}
+        self.changed()
 
 
-Span = tuple[float, float]
-
-
-def _numbers(parameters: Parameters, *spans: Span) -> list[float]:
+def _numbers(parameters: Parameters, *spans: Span) -> tuple[float, ...]:
     """Return as many numbers as there are spans, each within its own."""
     if len(parameters) != len(spans):
         raise ScpiError(*MISSING_PARAMETER)
@@ -275,9 +257,4 @@ def _numbers(parameters: Parameters, *spans: Span) -> list[float]:
         if not low <= value <= high:
             raise ScpiError(*DATA_OUT_OF_RANGE)
         found.append(value)
-    return found
-
-
-def _setup_text(output: Output) -> str:
-    *front, user_A, shows = output.setup
-    return ",".join([*(f"{value:.0f}" for value in front), f"{user_A:+.3f}", f"{shows:.0f}"])
+    return tuple(found)

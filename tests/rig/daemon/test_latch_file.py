@@ -10,11 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig.daemon import latch
-from rig.daemon.latch import CLEAR, SLOT, SLOTS, STOPPED, TRIPPED, Entry, Unreadable, read, write
+from rig.daemon.latch import CLEAR, SIZE, STOPPED, TRIPPED, Entry, Unreadable, read, write
 
 NEW = Entry(CLEAR, "new", "nothing was ever latched here", 1.79e9)
 TRIP = Entry(TRIPPED, "temperature_limit", "61.6 degC, limit 61.5 degC", 1.79e9 + 0.1)
-SIZE = SLOT * SLOTS
 
 
 def file_of(folder: Path, *said: Entry) -> Path:
@@ -37,7 +36,7 @@ def test_it_says_what_was_kept_last_and_its_space_is_taken(tmp_path: Path) -> No
 
 @settings(max_examples=50, deadline=None)
 @given(text=st.text(max_size=6000))
-def test_any_text_fits_a_slot(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+def test_any_text_fits(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
     path = file_of(tmp_path_factory.mktemp("text"), NEW, Entry(STOPPED, "stop", text, 1.0))
     found = read(path)
     assert found is not None
@@ -78,23 +77,23 @@ def test_a_write_that_was_cut_short_anywhere_never_falls_back_to_clear(tmp_path:
     assert outcomes == {"clear", "unreadable", "tripped"}
 
 
-@pytest.mark.parametrize("damage", ["truncated", "empty", "longer", "both slots", "one slot", "folder", "older copy"])
+@pytest.mark.parametrize("damage", ["truncated", "empty", "longer", "zeros", "a sector", "folder", "earlier version"])
 def test_what_is_damaged_is_told_and_whole_again_after_the_next_write(tmp_path: Path, damage: str) -> None:
     path = file_of(tmp_path, NEW, TRIP, NEW)
     data = path.read_bytes()
+    earlier = b"peltier latch 1 " + data[16:]
     if damage == "folder":
         path.unlink()
         path.mkdir()
     else:
-        older = file_of(tmp_path / "older", NEW).read_bytes()
         path.write_bytes(
             {
-                "truncated": data[: SLOT + 7],
+                "truncated": data[: SIZE // 2],
                 "empty": b"",
                 "longer": data + b" ",
-                "both slots": b"\0" * SIZE,
-                "one slot": b"\xff" * SLOT + data[SLOT:],
-                "older copy": older[:SLOT] + data[:SLOT],
+                "zeros": b"\0" * SIZE,
+                "a sector": data[:-512] + b"\xff" * 512,
+                "earlier version": earlier,
             }[damage]
         )
     with pytest.raises(Unreadable):

@@ -211,7 +211,7 @@ def test_qcodes_drivers(plant: StillPlant, tmp_path: Path) -> None:
         pytest.skip("QCoDeS is not installed")
     plant.resistance_ohm, plant.voltage_V, plant.temperature_degC = 123.456, -0.25, 61.7
     controller = LakeShore(plant, model="336")
-    controller.outputs[1].manual_percent = 40.0
+    controller.values["MOUT", 1] = (40.0,)
     client = Path(__file__).with_name("qcodes_client.py")
     instruments = {
         "k2000": emulated("keithley2000", plant),

@@ -48,12 +48,12 @@ def ls(attach: Attach, clock: VirtualClock, instrument: LakeShore) -> LakeShoreC
 @pytest.mark.parametrize("model", ["335", "336"])
 def test_identity_and_configuration(attach: Attach, clock: VirtualClock, plant: StillPlant, model: str) -> None:
     instrument = LakeShore(plant, model=model)
-    instrument.outputs[1].setup[-2] = 1.5
+    instrument.values["HTRSET", 1] = (*instrument.values["HTRSET", 1][:-2], 1.5, 1.0)
     driver = open_controller("lakeshore", attach(instrument), clock)
     assert str(driver.identify()) == f"Lake Shore {model}, serial number 335A123, firmware 1.5"
     driver.configure(1.0, (10.0, 90.0), 5.0)
-    assert instrument.outputs[1].setup[-2:] == [1.5, 2.0]  # the heater as it was, shown as power
-    assert (instrument.outputs[1].mode, instrument.outputs[1].stays_on, instrument.outputs[1].range) == (3, 0, 0)
+    assert instrument.values["HTRSET", 1][-2:] == (1.5, 2.0)  # the heater as it was, shown as power
+    assert (instrument.values["OUTMODE", 1], instrument.values["RANGE", 1]) == ((3, 1, 0), (0,))
     assert driver.own_limits().faults(1.0, (10.0, 90.0), 5.0) == []
     assert driver.own_limits().high_degC == pytest.approx(90.0)
     instrument.identity = "LSCI,MODEL340,1,1.0"
@@ -64,7 +64,7 @@ def test_identity_and_configuration(attach: Attach, clock: VirtualClock, plant: 
 def test_largest_current_of_the_heater(attach: Attach, clock: VirtualClock, instrument: LakeShore) -> None:
     driver = open_controller("lakeshore", attach(instrument), clock, max_current_A=0.707)
     driver.configure(1.0, (10.0, 90.0), 5.0)
-    assert instrument.outputs[1].setup == [0.0, 1.0, 0.0, 0.707, 2.0]
+    assert instrument.values["HTRSET", 1] == (0.0, 1.0, 0.0, 0.707, 2.0)
 
 
 @pytest.mark.parametrize(
@@ -82,13 +82,13 @@ def test_setpoints_count_in_the_sensors_units(
     attach: Attach, clock: VirtualClock, plant: StillPlant, units: int, shown: float
 ) -> None:
     instrument = LakeShore(plant)
-    instrument.input_types["A"][-1] = units
+    instrument.values["INTYPE", "A"] = (2, 0, 1, 0, units)
     driver = open_controller("lakeshore", attach(instrument), clock)
     driver.configure(1.0, (10.0, 90.0), 5.0)
     driver.arm_setpoint()
     assert plant.current_A == 0.0
     driver.set_setpoint_degC(40.0)
-    assert instrument.outputs[1].setpoint == pytest.approx(shown)
+    assert instrument.values["SETP", 1] == pytest.approx((shown,))
     clock.sleep_until_s(clock.now_s() + 0.5)
     driver.read_temperature()
     assert plant.current_A == pytest.approx(1.0)
@@ -99,7 +99,7 @@ def test_setpoints_count_in_the_sensors_units(
 
 
 def test_a_sensor_without_temperatures_is_refused(attach: Attach, clock: VirtualClock, instrument: LakeShore) -> None:
-    instrument.input_types["A"][-1] = 3
+    instrument.values["INTYPE", "A"] = (2, 0, 1, 0, 3)
     driver = open_controller("lakeshore", attach(instrument), clock)
     with pytest.raises(Refused, match="sensor's units"):
         driver.configure(1.0, (10.0, 90.0), 5.0)
@@ -120,23 +120,23 @@ def test_a_setting_that_reads_back_late(
     attach: Attach, clock: VirtualClock, ls: LakeShoreController, instrument: LakeShore
 ) -> None:
     ls.arm_setpoint()
-    output = instrument.outputs[1]
-    kept = output.setpoint
+    values = instrument.values
+    kept = values["SETP", 1]
     changed = instrument.changed
 
-    def late(_: Any) -> None:
-        wanted, output.setpoint = output.setpoint, kept
-        instrument._plant.schedule(clock.now_s() + 0.3, lambda _: setattr(output, "setpoint", wanted))
+    def late() -> None:
+        wanted, values["SETP", 1] = values["SETP", 1], kept
+        instrument._plant.schedule(clock.now_s() + 0.3, lambda _: values.update({("SETP", 1): wanted}))
         instrument.changed = changed  # type: ignore[method-assign]
 
     instrument.changed = late  # type: ignore[method-assign]
     ls.set_setpoint_degC(40.0)
-    assert output.setpoint == pytest.approx(313.15)
+    assert values["SETP", 1] == pytest.approx((313.15,))
 
 
 def test_a_setting_that_is_not_taken(ls: LakeShoreController, instrument: LakeShore) -> None:
     ls.arm_current()
-    instrument.changed = lambda output: setattr(output, "manual_percent", 3.0)  # type: ignore[method-assign]
+    instrument.changed = lambda: instrument.values.update({("MOUT", 1): (3.0,)})  # type: ignore[method-assign]
     with pytest.raises(Refused, match="MOUT"):
         ls.set_current_A(0.5)
 
@@ -443,7 +443,7 @@ def held(name: str, instrument: object) -> tuple[float, float, float]:
         return 1e4 / values["bandwidth"], 6000.0 / values["integral"], values["derivative"] * 0.6  # type: ignore[index]
     if name == "srs_ldc500":
         return -25.0 * values["TPGN"], 1.0 / values["TIGN"], values["TDGN"]  # type: ignore[index]
-    gains = instrument.outputs[1].gains  # type: ignore[attr-defined]
+    gains = instrument.values["PID", 1]  # type: ignore[attr-defined]
     return gains[0], 1000.0 / gains[1], gains[2] / 100.0
 
 
