@@ -38,7 +38,7 @@ from rig.version import __version__
 KEPT = 200  # ended jobs in the list
 FOLLOWED = 8  # of them with all messages and results, which are large
 MOST_QUEUED = 100
-WAITING, RUNNING = "queued", "running"
+WAITING, RUNNING, TAKEN_OUT = "queued", "running", "stopped"
 
 
 class JobStopped(Outcome):
@@ -50,7 +50,10 @@ class JobStopped(Outcome):
 
 @dataclass
 class Job:
-    """One experiment. Times are Unix seconds; report: its address on the page."""
+    """One experiment. Times are Unix seconds, but began_s and those of the phase the clock's.
+
+    report: its address on the page. phase: name, begin and duration (s). coming_s: expected duration of later phases.
+    """
 
     id: str
     name: str
@@ -67,6 +70,9 @@ class Job:
     exit_status: int | None = None
     result: dict[str, Any] | None = None
     messages: list[str] = field(default_factory=list)
+    began_s: float = 0.0
+    phase: tuple[str, float, float] | None = None
+    coming_s: float = 0.0
 
     def table(self) -> dict[str, Any]:
         """Return the job as JSON. Reads no disk: the loop's thread calls it, too."""
@@ -74,6 +80,21 @@ class Job:
         folder = str(self.folder) if self.folder is not None else None
         table = {name: getattr(self, name) for name in names}
         return {**table, "folder": folder, "report": self.report, "exit_status": self.exit_status}
+
+    def progress(self, now_s: float) -> dict[str, Any]:
+        """Return how far the job is at the clock's now_s."""
+        phase, begin_s, total_s = self.phase or ("working", now_s, 0.0)
+        done_s = min(now_s - begin_s, total_s)
+        return {
+            "id": self.id,
+            "name": self.name,
+            "kind": self.kind,
+            "phase": phase,
+            "done_s": done_s,
+            "total_s": total_s,
+            "elapsed_s": now_s - self.began_s,
+            "to_go_s": total_s - done_s + self.coming_s,
+        }
 
 
 def report_of(number: str, folder: str | None) -> str | None:
@@ -90,82 +111,82 @@ class JobQueue:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._waiting: list[Job] = []
-        self._ended: list[dict[str, Any]] = []
-        self._known: dict[str, Job] = {}
-        self._followed: list[str] = []
+        self._jobs: dict[str, Job] = {}  # in the order of their submission; the last that ended among them
+        self._ended: dict[str, dict[str, Any]] = {}  # as JSON, in the order of their ends
         self.running: Job | None = None
 
+    def _waiting(self) -> list[Job]:
+        return [job for job in self._jobs.values() if job.state == WAITING]
+
     def __len__(self) -> int:
-        return len(self._waiting)
+        with self._lock:
+            return len(self._waiting())
 
     def add(self, job: Job) -> bool:
         """Append a job; False if too many wait."""
         with self._lock:
-            if len(self._waiting) >= MOST_QUEUED:
+            if len(self._waiting()) >= MOST_QUEUED:
                 return False
-            self._waiting.append(job)
-            self._known[job.id] = job
+            self._jobs[job.id] = job
             return True
 
     def remember(self, ended: list[dict[str, Any]]) -> None:
         """Add jobs that ended before this start, the oldest first."""
         with self._lock:
-            self._ended = [*ended, *self._ended][-KEPT:]
+            every = [*ended, *self._ended.values()][-KEPT:]
+            self._ended = {job["id"]: job for job in every}
 
     def next(self) -> Job | None:
-        """Take the job that is to begin now; None if none waits, or one runs."""
+        """Return the job that is to begin now; None if none waits, or one runs."""
         with self._lock:
-            if self.running is not None or not self._waiting:
-                return None
-            self.running = self._waiting.pop(0)
-            return self.running
+            if self.running is None and (waiting := self._waiting()):
+                self.running = waiting[0]
+                self.running.state = RUNNING
+                return self.running
+            return None
 
-    def remove(self, number: str) -> Job | None:
-        """Take a waiting job out; None if it does not wait."""
+    def take_out(self, number: str | None = None) -> list[Job]:
+        """Take the job of this number out if it waits; without a number all that wait."""
         with self._lock:
-            for k, job in enumerate(self._waiting):
-                if job.id == number:
-                    return self._waiting.pop(k)
-        return None
-
-    def take_waiting(self) -> list[Job]:
-        with self._lock:
-            waited, self._waiting = self._waiting, []
-            return waited
+            taken = [job for job in self._waiting() if number in (None, job.id)]
+            for job in taken:
+                job.state = TAKEN_OUT
+            return taken
 
     def find(self, number: str) -> Job | None:
         """Return a job that waits, runs, or was among the last that ended."""
-        return self._known.get(number)
+        return self._jobs.get(number)
 
     def keep(self, job: Job) -> None:
+        """Move a job to those that ended."""
         with self._lock:
             if self.running is job:
                 self.running = None
-            self._ended = [*self._ended, job.table()][-KEPT:]
-            self._followed.append(job.id)
-            while len(self._followed) > FOLLOWED:
-                self._known.pop(self._followed.pop(0), None)
+            self._ended[job.id] = job.table()
+            while len(self._ended) > KEPT:
+                del self._ended[next(iter(self._ended))]
+            for number in [number for number in self._jobs if number in self._ended][:-FOLLOWED]:
+                del self._jobs[number]
 
     def reported(self, number: str, report: str) -> dict[str, Any] | None:
         """Note that an ended job has a report by now, and return it; None if that is known, or there is no such job."""
         with self._lock:
-            for k, table in enumerate(self._ended):
-                if table["id"] == number and not table.get("report"):
-                    self._ended[k] = {**table, "report": report}
-                    return self._ended[k]
-        return None
+            table = self._ended.get(number)
+            if table is None or table.get("report"):
+                return None
+            self._ended[number] = {**table, "report": report}
+            return self._ended[number]
 
     def tables(self) -> list[dict[str, Any]]:
         """Return all jobs, the newest first: those that wait, the one that runs, those that ended."""
         with self._lock:
             running = [self.running] if self.running is not None else []
-            return [job.table() for job in [*self._waiting[::-1], *running]] + self._ended[::-1]
+            return [job.table() for job in [*self._waiting()[::-1], *running]] + [*self._ended.values()][::-1]
 
     def last_ended(self) -> dict[str, Any] | None:
         """Return the job that ended last; None if none has."""
         with self._lock:
-            return self._ended[-1] if self._ended else None
+            return next(reversed(self._ended.values()), None)
 
 
 HISTORY = "history.sqlite"
@@ -230,10 +251,7 @@ class CommandQueue:
         self.confirms_off_by: str | None = None  # the evidence of the controller's "off"
         self.drive_unit = "A"
         self.stop_port: int | None = None  # of STOP's own listener
-        self.phase: tuple[str, float, float] | None = None  # name, begin (clock's s), duration (s)
-        self.job_began_s = self.last_cycle_s = self.clock.now_s()
-        self.coming_s = 0.0  # expected duration of the job's later phases
-        self.began_s = self.clock.now_s()
+        self.began_s = self.last_cycle_s = self.clock.now_s()
         self.gaps = Gaps(self.began_s)
         self.live: dict[str, Any] = {}
         self.lock = threading.RLock()
@@ -450,7 +468,7 @@ class CommandQueue:
         with self.lock:  # first, so that no job starts in between; nothing before "off" touches a disk
             self.latch_store.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
         off = self._switched_off(JobStopped(f"stopped by {by}"))
-        waited = self.queue.take_waiting()
+        waited = self.queue.take_out()
         self.latch_store.save()
         reason = f"it waited when the bench was stopped by {by}: submit it again after `peltier reset`"
         for job in waited:
@@ -491,6 +509,7 @@ class CommandQueue:
         folder = out if out is not None else default_folder(kind or e.name, self.folder)
         number = secrets.token_hex(4)
         job = Job(number, name or kind or e.name, kind or e.kind, file, folder, self.label_s())
+        job.began_s = self.clock.now_s()
         with self.lock:  # so that nobody hears of its beginning before
             if not self.queue.add(job):
                 raise Faults(["queue: full; expected fewer waiting jobs"])
@@ -500,8 +519,7 @@ class CommandQueue:
 
     def cancel(self, number: str, by: str) -> Job | None:
         """Take a job out of the queue, or end it if it runs; None if there is no such job."""
-        job = self.queue.remove(number)
-        if job is not None:
+        for job in self.queue.take_out(number):
             self._taken_out(job, f"taken out of the queue by {by}")
             return job
         with self.lock:  # no other job starts in between
@@ -513,7 +531,7 @@ class CommandQueue:
         return running
 
     def _taken_out(self, job: Job, reason: str) -> None:
-        job.state, job.reason, job.ended_s = "stopped", reason, self.label_s()
+        job.reason, job.ended_s = reason, self.label_s()
         job.exit_status = JobStopped.exit_status
         self.queue.keep(job)
         self.job_changed(job)
@@ -581,7 +599,7 @@ class CommandQueue:
             "output_confirmed_by": self.confirms_off_by if self.output == "off" else None,
             "trip": latch.table() if latch is not None and latch.state != STOPPED else None,
             "stop": latch.table() if latch is not None and latch.state == STOPPED else None,
-            "job": self._progress(job, now_s) if job is not None else None,
+            "job": job.progress(now_s) if job is not None else None,
             "last_job": self.queue.last_ended(),
             "queue": len(self.queue),
             "no_job_because": self.no_job_because(),
@@ -597,21 +615,6 @@ class CommandQueue:
             "stop_port": self.stop_port,
             "warnings": self.warnings(),
             "cycle_age_s": now_s - self.last_cycle_s,
-        }
-
-    def _progress(self, job: Job, now_s: float) -> dict[str, Any]:
-        phase = self.phase
-        name, began_s, total_s = phase if phase is not None else ("working", now_s, 0.0)
-        done_s = min(now_s - began_s, total_s)
-        return {
-            "id": job.id,
-            "name": job.name,
-            "kind": job.kind,
-            "phase": name,
-            "done_s": done_s,
-            "total_s": total_s,
-            "elapsed_s": now_s - self.job_began_s,
-            "to_go_s": total_s - done_s + self.coming_s,
         }
 
 

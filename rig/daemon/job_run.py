@@ -13,7 +13,7 @@ from rig.core.errors import RigError
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, OfOutput, Stopped, Tripped, Unsuitable
 from rig.daemon.client import CALIBRATION
-from rig.daemon.command_queue import RUNNING, CommandQueue, Job, JobStopped, history_row, report_of
+from rig.daemon.command_queue import CommandQueue, Job, JobStopped, history_row, report_of
 from rig.daemon.configurations import model_of
 from rig.daemon.output_lock import JobPass, StoppableClock
 from rig.experiment.calibration import Calibration
@@ -95,8 +95,7 @@ class JobRun(Onlooker):
     def work(self) -> None:
         """Do the job from its begin to its end, whatever that is."""
         commands, job = self._commands, self._job
-        job.state, job.started_s, job.folder = RUNNING, commands.label_s(), part_of(job.out)
-        commands.job_began_s, commands.coming_s = commands.clock.now_s(), 0.0
+        job.started_s, job.folder, job.began_s = commands.label_s(), part_of(job.out), commands.clock.now_s()
         commands.job_changed(job)
         commands.model = model_of(job.file) or commands.model
         try:
@@ -116,7 +115,7 @@ class JobRun(Onlooker):
     def _leave_loop(self, off_confirmed: bool) -> None:
         commands = self._commands
         if commands.in_loop:
-            commands.in_loop, commands.phase = False, None
+            commands.in_loop, self._job.phase = False, None
             commands.output_now("off", off_confirmed)
 
     def _do(self) -> None:
@@ -207,7 +206,7 @@ class JobRun(Onlooker):
         """Set the phases to come, each with its seconds."""
         self._pass.check_void()
         self._coming = phases
-        self._commands.coming_s = sum(seconds for _, seconds in phases)
+        self._job.coming_s = sum(seconds for _, seconds in phases)
 
     def phase(self, name: str, done_s: float, of_s: float) -> None:
         """Note the beginning of a phase.
@@ -222,7 +221,7 @@ class JobRun(Onlooker):
             commands.memory_since_s = commands.label_s()
         self._conditioning = name == CONDITION
         self._expect(still_to_come(self._coming, name))
-        commands.phase = (name, commands.clock.now_s(), of_s)
+        self._job.phase = (name, commands.clock.now_s(), of_s)
         commands.changed()
 
     def tick(self, tick: Tick) -> None:
@@ -254,5 +253,5 @@ class JobRun(Onlooker):
             commands.off_check = OffCheck(curves, self._bench.clock.now_s()) if curves is not None else None
         commands.ticks.missed += ticks.missed
         commands.ticks.unwatched_s = max(commands.ticks.unwatched_s, ticks.unwatched_s)
-        commands.in_loop, commands.phase = False, None
+        commands.in_loop, self._job.phase = False, None
         commands.changed()

@@ -26,8 +26,7 @@ from rig.experiment.session import run
 from rig.records.record_file import read_record
 from rig.records.run_folder import part_of
 from sim.effects.effect import Switched
-from sim.world.open_loop import simulate_record
-from sim.world.plant import stamp_s
+from sim.world.plant import simulate_record, stamp_s
 
 TEST_CURRENT_A = 1e-4  # what ohmmeters send through 10 kohm
 

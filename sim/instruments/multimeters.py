@@ -16,16 +16,19 @@ from collections.abc import Callable
 from functools import partial
 from typing import ClassVar
 
-from sim.instruments.meter import (
+from sim.instruments.scpi import (
     ON_OFF,
     OVERFLOW,
     REGISTERS,
     RESISTANCES,
     VOLTAGES,
+    Call,
     Meter,
+    Parameters,
+    ScpiError,
     Setting,
+    number,
 )
-from sim.instruments.scpi import Call, Parameters, ScpiError, number
 
 OF_EACH_2000_FUNCTION = (
     Setting(":NPLCycles", "NPLC", 1.0, "%.2f", 0.01, 10.0),

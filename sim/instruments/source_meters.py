@@ -16,13 +16,16 @@ from functools import partial
 from math import inf, isinf, nan
 from typing import ClassVar
 
-from sim.instruments.meter import ON_OFF, REGISTERS, Meter, Setting
 from sim.instruments.scpi import (
     ILLEGAL_PARAMETER_VALUE,
     INVALID_CHARACTER_DATA,
     MISSING_PARAMETER,
+    ON_OFF,
+    REGISTERS,
+    Meter,
     Parameters,
     ScpiError,
+    Setting,
 )
 
 ELEMENTS = {"VOLT": "VOLTAGE", "CURR": "CURRENT", "RES": "RESISTANCE", "TIME": "TIME", "STAT": "STATUS"}

@@ -14,8 +14,7 @@ from sim.model.links import links_of
 from sim.model.ohmmeter import shown_in_rows
 from sim.model.record_run import RecordRun, straight_path
 from sim.world.films import PreisachFilm
-from sim.world.open_loop import Readings, at_rest, commanded, simulate_record
-from sim.world.plant import SimulatedPlant, World, stamp_s
+from sim.world.plant import Readings, SimulatedPlant, World, at_rest, commanded, simulate_record, stamp_s
 from tests.sim.small_chain import CURRENT, FILM, PLATE, TEST_CURRENT_A, TIME, on, world
 
 

@@ -14,8 +14,7 @@ import pytest
 from rig.analysis.diagnosed import require_judging
 from rig.records.record import Record
 from rig.records.record_file import write_columns
-from sim.world.open_loop import simulate_record
-from sim.world.plant import World
+from sim.world.plant import World, simulate_record
 from tests.sim.small_chain import FILM, PLATE, on
 
 Peltier = Callable[..., tuple[int, str, str]]

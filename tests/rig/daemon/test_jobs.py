@@ -77,7 +77,7 @@ def test_a_job_tells_how_long_all_of_it_will_take(bench: RunningBench) -> None:
     assert job["total_s"] == pytest.approx(300.0)
     assert job["to_go_s"] == pytest.approx(job["total_s"] - job["done_s"])
     assert job["elapsed_s"] > job["done_s"]
-    bench.commands.coming_s = 100.0  # as if something were to follow
+    bench.commands.queue.running.coming_s = 100.0  # type: ignore[union-attr]  # as if something were to follow
     job = bench.state()["job"]
     assert job["to_go_s"] == pytest.approx(job["total_s"] - job["done_s"] + 100.0)
     phases = [("polarity", 5.0), ("approach", 10.0), ("track", 60.0)]

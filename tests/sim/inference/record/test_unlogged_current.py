@@ -10,8 +10,7 @@ from rig.report.diagnosis_words import sentence
 from sim.diagnosis.diagnose import diagnose
 from sim.inference.record.record import read_columns
 from sim.inference.record.unlogged_current import MOST, acted_before
-from sim.world.open_loop import simulate_record
-from sim.world.plant import World
+from sim.world.plant import World, simulate_record
 from tests.sim.diagnosis.said import names
 from tests.sim.small_chain import FILM, PLATE, on
 from tests.truth import record
