@@ -52,6 +52,7 @@ from rig.web.page_server import (
     Viewer,
     begin_session,
     events_reply,
+    exchange,
     json_reply,
     object_in,
     refusal_reply,
@@ -141,36 +142,20 @@ class Place(NamedTuple):
     secure: ssl.SSLContext | None
 
 
-async def exchange(
-    place: Place, method: str, path: str, token: str | None, body: Any, within_s: float
-) -> tuple[int, Any]:
-    """Send a request on a connection of its own; return status and JSON. Raises Unanswered.
-
-    It is one of HTTP/1.0, whose answer comes in one piece and ends with the connection.
-    """
+async def asked(place: Place, method: str, path: str, token: str | None, body: Any, within_s: float) -> tuple[int, Any]:
+    """Send a request; return status and JSON. Raises Unanswered."""
     host = f"[{place.host}]" if ":" in place.host else place.host
-    head = [f"{method} {path} HTTP/1.0", f"Host: {host}:{place.port}", "Accept: application/json"]
-    content = b"" if method == "GET" else json.dumps(body).encode()
+    headers = {"Host": f"{host}:{place.port}", "Accept": "application/json"}
     if method != "GET":
-        head += ["Content-Type: application/json", "X-Peltier: 1", f"Content-Length: {len(content)}"]
+        headers |= {"Content-Type": "application/json", "X-Peltier": "1"}
     if token is not None:
-        head.append(f"Authorization: Bearer {token}")
-    answer = b""
+        headers["Authorization"] = f"Bearer {token}"
+    content = b"" if method == "GET" else json.dumps(body).encode()
     try:
         async with asyncio.timeout(within_s):
-            reader, writer = await asyncio.open_connection(place.host, place.port, ssl=place.secure)
-            try:
-                writer.write("\r\n".join([*head, "", ""]).encode() + content)
-                while len(answer) <= LARGEST and (part := await reader.read(LARGEST)):
-                    answer += part
-            finally:
-                writer.close()
-        if len(answer) > LARGEST:
-            raise ValueError(f"an answer of more than {LARGEST} bytes")
-        lines, _, found = answer.partition(b"\r\n\r\n")
-        if (status := re.match(rb"HTTP/1\.\d (\d{3})\b", lines)) is None:
-            raise ValueError("no HTTP")
-        return int(status[1]), json.loads(found) if found else None
+            connecting = asyncio.open_connection(place.host, place.port, ssl=place.secure)
+            status, found = await exchange(connecting, method, path, headers, content, LARGEST)
+        return status, json.loads(found) if found else None
     except TimeoutError:
         raise Unanswered(f"no answer within {within_s:g} s") from None
     except OSError as error:  # asyncio's own text leaves out the cause
@@ -233,7 +218,7 @@ class Bench:
 
     async def _look(self) -> None:
         try:
-            status, answer = await exchange(self._place, "GET", "/api/state", self._token, None, ANSWER_S)
+            status, answer = await asked(self._place, "GET", "/api/state", self._token, None, ANSWER_S)
         except Unanswered as error:
             self._trouble = str(error)
             return
@@ -259,7 +244,7 @@ class Bench:
         places = [self._place]
         if self._stop_port is not None and self._place.secure is None:  # behind a proxy the page's address has to do
             places.append(self._place._replace(port=self._stop_port))
-        ways = [exchange(place, "POST", "/api/stop", self._token, body, STOP_S) for place in places]
+        ways = [asked(place, "POST", "/api/stop", self._token, body, STOP_S) for place in places]
         return await first_success(*ways)
 
 

@@ -17,7 +17,7 @@ from starlette.responses import Response
 
 from rig.daemon.announcer import encoded, sent_event
 from rig.daemon.client import FAILED, NoDaemon, Refusal
-from rig.web.page_server import LONGEST_NAME, Viewer, body_of, object_in
+from rig.web.page_server import LONGEST_NAME, Viewer, body_of, exchange, object_in
 
 ANSWER_S = 15.0  # a STOP that waits for a dead man's silence takes longest
 ROWS_A_SECOND = 10
@@ -49,16 +49,15 @@ class BenchLink:
         caller: who asks the page; None if the page itself does. A STOP without an answer is sent anew for some seconds,
         with the same body: its `press` makes it one STOP.
         """
+        headers = {"X-Peltier-For": caller} if caller is not None else {}
         until_s = time.monotonic() + (INSISTS_S if path == STOP else 0.0)
         while True:
             try:
                 async with asyncio.timeout(ANSWER_S):
                     async with contextlib.nullcontext() if path == STOP else self._turns:
-                        reader, writer = await self._send(method, path, body, caller)
-                        with contextlib.closing(writer):
-                            status, length = await _head(reader)
-                            return status, await reader.readexactly(length)
-            except (OSError, ValueError, EOFError, IndexError) as error:  # TimeoutError is an OSError
+                        connecting = asyncio.open_unix_connection(str(self.path))
+                        return await exchange(connecting, method, path, headers, body)
+            except (OSError, ValueError) as error:  # TimeoutError is an OSError
                 if time.monotonic() >= until_s or self.gone.is_set():
                     why = str(error) or type(error).__name__
                     raise NoDaemon(f"the bench process does not answer: {why}") from None
@@ -75,26 +74,13 @@ class BenchLink:
             raise Refusal(status, answer["faults"])
         return answer
 
-    async def _send(
-        self, method: str, path: str, body: bytes, caller: str | None
-    ) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        reader, writer = await asyncio.open_unix_connection(str(self.path), limit=LONGEST_LINE)
-        head = f"{method} {path} HTTP/1.1\r\nHost: peltier\r\nContent-Length: {len(body)}\r\n"
-        head += f"X-Peltier-For: {caller}\r\n" if caller is not None else ""
-        writer.write(head.encode("latin-1", "replace") + b"\r\n" + body)
-        try:
-            await writer.drain()
-        except BaseException:
-            writer.close()
-            raise
-        return reader, writer
-
     async def follow(self) -> None:
         """Pass on the events until the bench process ends."""
         try:
-            reader, writer = await self._send("GET", "/api/events", b"", None)
+            reader, writer = await asyncio.open_unix_connection(str(self.path), limit=LONGEST_LINE)
             with contextlib.closing(writer):
-                status, _ = await _head(reader)
+                writer.write(b"GET /api/events HTTP/1.0\r\n\r\n")
+                status = int((await reader.readline()).split()[1])
                 if status >= FAILED:  # this process ends, and is started again
                     print(f"peltier serve: page: events are refused (HTTP status {status})", file=sys.stderr)
                     return
@@ -143,15 +129,6 @@ class BenchLink:
 
     def current(self) -> dict[str, Any]:
         return {**self.state, "viewers": len(self.viewers)}
-
-
-async def _head(reader: asyncio.StreamReader) -> tuple[int, int]:
-    """Return status and length of an answer. Raises IndexError or ValueError where it ends early."""
-    status, length = int((await reader.readline()).split()[1]), 0
-    while line := (await reader.readline()).strip():
-        name, _, value = line.partition(b":")
-        length = int(value) if name.lower() == b"content-length" else length
-    return status, length
 
 
 async def forward(link: BenchLink, request: Request) -> Response:

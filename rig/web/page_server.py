@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import logging
 import math
+import re
 import socket
 import time
 from collections import deque
@@ -41,6 +42,7 @@ CONTENT_SECURITY_POLICY = (
     "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
 )
 LONGEST_NAME = 80  # characters of a press or an address in the log
+READ_AT_ONCE = 1 << 20  # bytes
 WAITING = 60  # events for one viewer
 MOST_VIEWERS = 300  # of the connections, so that there is room for requests
 
@@ -81,6 +83,38 @@ async def object_in(request: Request) -> dict[str, Any]:
     if not isinstance(body, dict):
         raise Refusal(422, ["body: expected an object"])
     return body
+
+
+async def exchange(
+    connecting: Coroutine[Any, Any, tuple[asyncio.StreamReader, asyncio.StreamWriter]],
+    method: str,
+    path: str,
+    headers: dict[str, str],
+    body: bytes,
+    most: float = math.inf,
+) -> tuple[int, bytes]:
+    """Send a request on a connection of its own; return status and content, of at most so many bytes. Raises OSError,
+    or ValueError if the answer is no whole one.
+
+    It is one of HTTP/1.0, whose answer comes in one piece and ends with the connection.
+    """
+    reader, writer = await connecting
+    with contextlib.closing(writer):
+        head = [f"{method} {path} HTTP/1.0", *(f"{name}: {text}" for name, text in headers.items())]
+        head += [f"Content-Length: {len(body)}", "", ""]
+        writer.write("\r\n".join(head).encode("latin-1", "replace") + body)
+        answer = b""
+        while len(answer) <= most and (part := await reader.read(READ_AT_ONCE)):
+            answer += part
+    if len(answer) > most:
+        raise ValueError(f"an answer of more than {most} bytes")
+    lines, _, content = answer.partition(b"\r\n\r\n")
+    if (status := re.match(rb"HTTP/1\.\d (\d{3})\b", lines)) is None:
+        raise ValueError("no HTTP")
+    length = re.search(rb"(?i)\r\ncontent-length: *(\d+)", lines)
+    if length is not None and len(content) < int(length[1]):
+        raise ValueError("an answer that ends early")
+    return int(status[1]), content
 
 
 class Viewer:
