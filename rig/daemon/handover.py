@@ -226,13 +226,15 @@ def _output_now(client: Client, events: Any) -> tuple[str, bool]:
     If another job has begun since, the output is that job's affair: the end of this one was confirmed, or its status
     says that it was not. The last state among the events counts if the daemon has ended since.
     """
+    state: dict[str, Any] | None
     try:
         state = _state(client)
     except NoDaemon as error:
-        last = _next_state(events)
-        if last is None:
+        state = None
+        with suppress(NoDaemon):
+            state = next((message["data"] for message in events if message["event"] == "state"), None)
+        if state is None:
             return f"OUTPUT NOT CONFIRMED OFF: {error}", False
-        state = last
     if state.get("job") is None and not state.get("output_confirmed"):
         return "OUTPUT NOT CONFIRMED OFF: see `peltier status`", False
     if state.get("output") != "off":
@@ -247,16 +249,6 @@ def _state(client: Client) -> dict[str, Any]:
     except Refusal:
         return {}
     return state
-
-
-def _next_state(events: Any) -> dict[str, Any] | None:
-    """Return the next state among the events; None if there is none."""
-    with suppress(NoDaemon):
-        for message in events:
-            if message["event"] == "state":
-                state: dict[str, Any] = message["data"]
-                return state
-    return None
 
 
 def _until_it_ends(events: Any, job: dict[str, Any], stream: Any, progress: _Progress) -> dict[str, Any]:

@@ -70,14 +70,15 @@ def _is_folder(path: Path) -> bool:
 
 
 class JobRun(Onlooker):
-    """A job, the bench it runs on, and the lock that keeps the idle loop off it meanwhile."""
+    """A job, the bench it runs on, and the lock that keeps the idle loop off it meanwhile. over: its thread has ended
+    it."""
 
     def __init__(self, commands: CommandQueue, bench: Bench, job: Job, idle_lock: threading.RLock) -> None:
         self._commands, self._job, self._idle_lock = commands, job, idle_lock
         self._raw = bench
         lock = commands.output_lock
         self._pass = by = JobPass(lock)
-        self._lock, self._over = threading.Lock(), False
+        self._lock, self._concluded, self.over = threading.Lock(), False, threading.Event()
         clock = StoppableClock(bench.clock, lock, by)
         self._clock = clock
         self._bench = replace(
@@ -94,6 +95,12 @@ class JobRun(Onlooker):
 
     def work(self) -> None:
         """Do the job from its begin to its end, whatever that is."""
+        try:
+            self._work()
+        finally:
+            self.over.set()
+
+    def _work(self) -> None:
         commands, job = self._commands, self._job
         job.started_s, job.folder, job.began_s = commands.label_s(), part_of(job.out), commands.clock.now_s()
         commands.job_changed(job)
@@ -143,9 +150,9 @@ class JobRun(Onlooker):
     def _conclude(self, end: _End) -> None:
         """End the job, once: its trip, if it is one, is on disk before anybody hears of the end."""
         with self._lock:
-            if self._over:
+            if self._concluded:
                 return
-            self._over = True
+            self._concluded = True
         commands, job = self._commands, self._job
         if end.trip == "not_confirmed_off":
             commands.output_now("off", confirmed=False)

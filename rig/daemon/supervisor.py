@@ -12,7 +12,6 @@ import signal
 import threading
 from collections.abc import Callable
 from queue import SimpleQueue
-from typing import NamedTuple
 
 from rig.bench.assembly import Bench, open_bench
 from rig.config.configuration import ConfigurationFile
@@ -36,47 +35,32 @@ JOB_ENDS_S = 10.0  # for a job's thread to notice that the output lock is closed
 CONTRADICTED = "the temperature contradicted the controller's 'off', and nobody has reset that"
 
 
-class _Running(NamedTuple):
-    """The job that runs. over: set when its thread has ended it."""
-
-    job: JobRun
-    over: threading.Event
-
-
 class Worker:
     """A thread that does one task after the other. It outlives its tasks: libraries cache data for each thread (fonts
     among it), which would grow with a thread for each task. name: of the thread."""
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._renew()
+        self.renew()
 
-    def begin(self, task: Callable[[], None]) -> threading.Event:
-        """Do a task after those before it; the event is set when it has ended, in whatever way."""
+    def begin(self, task: Callable[[], None]) -> None:
+        """Do a task after those before it."""
         if not self._thread.is_alive():
-            self._renew()
-        over = threading.Event()
-        self._tasks.put((task, over))
-        return over
+            self.renew()
+        self._tasks.put(task)
 
-    def abandon(self) -> None:
-        """Leave a task that does not end to itself; the next one gets a new thread."""
-        self._renew()
-
-    def _renew(self) -> None:
-        self._tasks: SimpleQueue[tuple[Callable[[], None], threading.Event]] = SimpleQueue()
+    def renew(self) -> None:
+        """Take a new thread; a task that does not end is left to itself."""
+        self._tasks: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._thread = threading.Thread(target=_work, args=(self._tasks,), name=self._name, daemon=True)
         self._thread.start()
 
 
-def _work(tasks: SimpleQueue[tuple[Callable[[], None], threading.Event]]) -> None:
+def _work(tasks: SimpleQueue[Callable[[], None]]) -> None:
     while True:
-        task, over = tasks.get()
-        try:
-            task()
-        finally:
-            over.set()
-        del task, over  # no reference to a task is kept while the next one is waited for
+        task = tasks.get()
+        task()
+        del task  # no reference to a task is kept while the next one is waited for
 
 
 class Supervisor:
@@ -88,7 +72,7 @@ class Supervisor:
         self._file, self._commands, self._notifier, self._guard = file, commands, notifier, guard
         self._idle_lock = threading.RLock()
         self._worker = Worker("job")
-        self._running: _Running | None = None
+        self._running: JobRun | None = None
         self._opened = False
         self._not_off: NotConfirmedOff | None = None  # of the last closing, if the bench was not opened since
         self._signals = SignalStop()
@@ -187,8 +171,8 @@ class Supervisor:
             commands.output_now("off", confirmed=False)
         if self._running is not None:
             if not self._running.over.wait(JOB_ENDS_S):
-                self._worker.abandon()
-                self._running.job.abandon(error, off.confirmed)
+                self._worker.renew()
+                self._running.abandon(error, off.confirmed)
             self._running = None
         commands.output_lock.attach(None)
 
@@ -253,8 +237,8 @@ class Supervisor:
             commands.output_lock.open()
             job = commands.queue.next()
         if job is not None:
-            run = JobRun(commands, bench, job, self._idle_lock)
-            self._running = _Running(run, self._worker.begin(run.work))
+            self._running = JobRun(commands, bench, job, self._idle_lock)
+            self._worker.begin(self._running.work)
         return ended
 
 

@@ -12,7 +12,6 @@ chosen and set, and read 0.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import ClassVar
 
@@ -95,14 +94,6 @@ class Multimeter(Meter):
             self.choose_range(self.FIRST_RANGE_OHM)
         self.send_test_current()
 
-    def _define_measuring(self, count: Callable[[], int], keep: bool) -> None:
-        """Define READ, FETCh, INITiate and ABORt. count: of the readings that a trigger makes; keep: of READ's, too."""
-        self._define_choice("[:SENSe#]:FUNCtion")
-        self._tree.define(":READ", ask=lambda _: self.read(count(), keep))
-        self._tree.define(":FETCh", ask=lambda _: self.fetch())
-        self._define(":INITiate[:IMMediate]", lambda: self.initiate(count()))
-        self._define(":ABORt", self.abort)
-
 
 class Keithley2000(Multimeter):
     """Keithley 2000; its options are those of `Meter`. ^C and ^X abort, and discard what is pending."""
@@ -151,7 +142,8 @@ class Keithley2000(Multimeter):
     )
 
     def _define_commands(self) -> None:
-        self._define_measuring(lambda: int(self.settings["TRIG:COUN"]), keep=True)
+        self._define_choice("[:SENSe#]:FUNCtion")
+        self._define_measuring(lambda: int(self.settings["TRIG:COUN"]))
         self._define(":STATus:QUEue:CLEar", self.errors.clear)
         self._tree.define(":CONFigure", ask=lambda _: f'"{self.function}"')
         for function, header in self.FUNCTIONS.items():
@@ -222,6 +214,7 @@ class Hp34401A(Multimeter):
         for word in ("REMote", "RWLock", "LOCal"):
             self._define(":SYSTem:" + word, partial(setattr, self, "remote", word != "LOCal"))
         self._in_local = {call.func for call in self._tree.parse(IN_LOCAL)}
+        self._define_choice("[:SENSe#]:FUNCtion")
         self._define_measuring(lambda: int(self.settings["TRIG:COUN"]) * int(self.settings["SAMP:COUN"]), keep=False)
         define = self._tree.define
         for function, header in self.FUNCTIONS.items():

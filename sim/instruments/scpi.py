@@ -14,6 +14,7 @@ enclose optional keywords, `#` allows the suffix 1.
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ from typing import ClassVar
 from sim.instruments.instrument import Instrument, Plant
 
 SET, ASK = "", "?"
+OUTSIDE_QUOTES = """(?=(?:[^"']|"[^"]*"|'[^']*')*$)"""  # what follows a separator that no quotes enclose
 
 
 class ScpiError(Exception):
@@ -121,18 +123,7 @@ class CommandTree:
 
 def split_outside_quotes(text: str, separator: str) -> list[str]:
     """Split `text` at each separator outside double and single quotes."""
-    if '"' not in text and "'" not in text:
-        return text.split(separator)
-    pieces, quote, begin = [], "", 0
-    for position, character in enumerate(text):
-        if quote:
-            quote = "" if character == quote else quote
-        elif character in "\"'":
-            quote = character
-        elif character == separator:
-            pieces.append(text[begin:position])
-            begin = position + 1
-    return [*pieces, text[begin:]]
+    return re.split(separator + OUTSIDE_QUOTES, text) if '"' in text or "'" in text else text.split(separator)
 
 
 def number(parameters: Parameters, minimum: float, maximum: float, default: float) -> float:
@@ -449,6 +440,13 @@ class Meter(ScpiInstrument):
         """Return the function that a name spells; the name itself if there is none."""
         spelled = (function for function, header in self.FUNCTIONS.items() if self._tree.spells(name, header))
         return next(spelled, name)
+
+    def _define_measuring(self, count: Callable[[], int], keep: bool = True) -> None:
+        """Define READ, FETCh, INITiate and ABORt. count: of the readings that a trigger makes; keep: of READ's, too."""
+        self._tree.define(":READ", ask=lambda _: self.read(count(), keep))
+        self._tree.define(":FETCh", ask=lambda _: self.fetch())
+        self._define(":INITiate[:IMMediate]", lambda: self.initiate(count()))
+        self._define(":ABORt", self.abort)
 
     def _define_choice(self, header: str) -> None:
         def choose(parameters: Parameters) -> None:

@@ -187,17 +187,11 @@ class Keithley2400(SourceMeter):
         self._define("[:SENSe#]:FUNCtion[:ON]:ALL", lambda: self.choose_functions(set(self.FUNCTIONS)))
         for function, header in self.FUNCTIONS.items():
             define(":MEASure:" + header, ask=partial(self._measure, function))
-        define(":READ", ask=lambda _: self.read(self._count()))
-        define(":FETCh", ask=lambda _: self.fetch())
-        self._define(":INITiate[:IMMediate]", lambda: self.initiate(self._count()))
-        self._define(":ABORt", self.abort)
+        self._define_measuring(lambda: int(self.settings["TRIG:COUN"]) * int(self.settings["ARM:COUN"]))
         define(":FORMat:ELEMents[:SENSe#]", set=self._choose_elements, ask=lambda _: ",".join(self.elements))
         define(":CALCulate3:DATA", ask=lambda _: "+0.000000E+00,+0.000000E+00,+0.000000E+00")
         define(":STATus:QUEue[:NEXT]", ask=lambda _: self.next_error())
         self._define(":STATus:QUEue:CLEar", self.errors.clear)
-
-    def _count(self) -> int:
-        return int(self.settings["TRIG:COUN"]) * int(self.settings["ARM:COUN"])
 
     def _named(self, parameters: Parameters) -> set[str]:
         if not parameters:

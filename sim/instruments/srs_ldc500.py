@@ -57,9 +57,9 @@ NUMBERS: dict[str, tuple[float, float, float]] = {
     "TRTH": (10.0, 0.0, 1000.0),
     "TRMN": (0.1, 0.0, 1000.0),
     "TRMX": (300.0, 0.0, 1000.0),
+    "*ESE": (0, 0, 255),
 }
-# default, least and largest of each
-INTEGERS: dict[str, tuple[int, int, int]] = {"*ESE": (0, 0, 255)}
+WHOLE = ("*ESE",)  # numbers without a fraction
 PLAIN_COMMANDS = ("*CLS", "*OPC", "*WAI")
 UNIT = re.compile(r"(\*[A-Z]{3}|[A-Z]{4})(\?)?(.*)")
 
@@ -95,7 +95,7 @@ class SrsLdc500(Instrument, Ticking):
     ) -> None:
         super().__init__(plant, byte_s=10.0 / baudrate, start_s=start_s)
         self.identity = "Stanford Research Systems,LDC501,s/n098023,ver2.00"
-        self.values: dict[str, float] = {name: default for name, (default, _, _) in (NUMBERS | INTEGERS).items()}
+        self.values: dict[str, float] = {name: default for name, (default, _, _) in NUMBERS.items()}
         self.values |= dict.fromkeys(TOKENS, 0.0) | {"TERM": 3.0, "TSNR": 3.0}  # TERM 3: CR and LF
         self._error_s, self._joined, self._heating_sign = error_s, joined, heating_sign
         self._lines: deque[tuple[bytes, float]] = deque()
@@ -206,8 +206,7 @@ class SrsLdc500(Instrument, Ticking):
         if name in TOKENS:
             value = float(_token(text, TOKENS[name]))
         else:
-            whole = name in INTEGERS
-            value = _number(text, int if whole else float, *(INTEGERS if whole else NUMBERS)[name][1:])
+            value = _number(text, int if name in WHOLE else float, *NUMBERS[name][1:])
         if name == "TEMP" and not values["TMIN"] <= value <= values["TMAX"]:
             raise ExecutionError(OUT_OF_RANGE)
         if name == "TCUR" and abs(value) > values["TILM"]:
