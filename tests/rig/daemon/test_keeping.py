@@ -53,9 +53,8 @@ def test_memory_is_known_when_conditioning_has_ended_and_not_before() -> None:
     commands = SimpleNamespace(
         memory_since_s=None, label_s=lambda: 7.0, clock=SimpleNamespace(now_s=lambda: 0.0), changed=lambda: None
     )
-    job = cast(
-        JobRun, SimpleNamespace(_commands=commands, _conditioning=False, _coming=[], _expect=lambda phases: None)
-    )
+    own = {"_job": SimpleNamespace(phase=None), "_conditioning": False, "_coming": []}
+    job = cast(JobRun, SimpleNamespace(_commands=commands, _expect=lambda phases: None, **own))
     for name, known in (("polarity", None), ("condition", None), ("condition", None), ("approach", 7.0)):
         JobRun.phase(job, name, 0.0, 1.0)
         assert commands.memory_since_s == known, name

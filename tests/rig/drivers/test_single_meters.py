@@ -137,7 +137,8 @@ def test_off_and_close_survive_an_unplugged_meter(meter: Any) -> None:
 def test_an_output_that_was_switched_off_by_hand_is_a_refusal(
     meter: Any, smu: Any, plant: StillPlant, name: str
 ) -> None:
-    smu.switch_output(False)
+    smu.settings["OUTP"] = 0
+    smu.send_test_current()
     with pytest.raises(Refused, match=r"OUTPUT off|Settings conflict: ") as refused:
         meter.read()
     assert refused.value.code == {"keithley2400": 803, "keithley2450": -221}[name]
