@@ -139,13 +139,13 @@ def test_it_says_who_it_is_and_another_instrument_is_refused(meter: Any, emulato
 @pytest.mark.parametrize("four_wire", [True, False])
 def test_it_is_configured_as_it_was_asked_to_be(meter: Any, emulator: Any, plant: StillPlant, four_wire: bool) -> None:
     meter.configure(four_wire, 0.2, 1e-3)
-    settings, source = emulator.settings, hasattr(emulator, "output_is_on")
+    settings, source = emulator.settings, "OUTP" in emulator.settings
     function = "RES" if source or not four_wire else "FRES"
     assert settings.get(f"{function}:NPLC", settings.get("NPLC")) == 0.2
     assert settings[f"{function}:RANG:AUTO"] == 0
     if source:
         assert settings.get("RES:RSEN", settings.get("RSEN")) == int(four_wire)
-        assert (plant.test_current_A, emulator.output_is_on) == (0.0, False)
+        assert (plant.test_current_A, settings["OUTP"]) == (0.0, 0)
     else:
         assert emulator.function == function
 
