@@ -214,7 +214,7 @@ class MeerstetterTec(Instrument, Ticking):
             code = self._set(payload)
             return _error(head, code) if code else acknowledgement
         if payload in (b"RS", b"ES"):
-            self._reset() if payload == b"RS" else self.trip(EMERGENCY_STOP)
+            self._reset() if payload == b"RS" else self._emergency_stop()
             return acknowledgement
         if payload[:3] == b"?IF" and len(payload) in (3, 5):  # mecompyapi appends an instance
             return _frame(head, FIRMWARE)
@@ -367,6 +367,9 @@ class MeerstetterTec(Instrument, Ticking):
         self.status_until_reset = ERROR
         self._values.update({105: number, 106: 1, 107: 0})
         self._move_output()
+
+    def _emergency_stop(self) -> None:
+        self.trip(EMERGENCY_STOP)
 
     def _watch(self) -> None:
         """Look at the watchdog again when it would run out; one look is pending at most."""
