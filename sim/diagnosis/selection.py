@@ -53,12 +53,15 @@ def selected(record: Record, kinds: Sequence[Kind], assumed: Sequence[Effect], s
     First those that the temperature shows by itself, with no film in the way; then, along the path that they give, all.
     """
     plate = plate_fit(record, kinds)
-    moves = not plate.joint.driven or drive_moves(plate)
+    moves, every = not plate.joint.driven or drive_moves(plate), search.effects
     if not moves:
         search.effects = [effect for effect in search.effects if effect.link not in ("driver", "plate")]
     alone = plate
     if plate.joint.driven:
         alone = search.run(search.assuming(plate, [effect for effect in assumed if effect.before_film]))
+        if not moves and drive_moves(alone):  # behind a thermometer that lags it looks as if it did not
+            moves, search.effects = True, every
+            alone = search.run(alone)
         for kind in kinds:
             if moves and not search.over() and kind != alone.joint.kind:
                 other = search.with_module(alone, Module(kind))
