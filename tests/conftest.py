@@ -18,7 +18,7 @@ import pytest
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")
 
-from rig.__main__ import main  # noqa: E402 - numpy and numba read these where they are imported
+from tests.peltier import Peltier  # noqa: E402 - numpy and numba read these where they are imported
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -39,17 +39,9 @@ def measured() -> Path:
 
 
 @pytest.fixture
-def peltier(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
-    """The command line in this process: (exit status, stdout, stderr). That it compiles is said once a process, by
-    whichever test comes first: it is left out."""
-
-    def call(*words: object) -> tuple[int, str, str]:
-        status = main([str(word) for word in words])
-        captured = capsys.readouterr()
-        lines = captured.err.splitlines(keepends=True)
-        return status, captured.out, "".join(line for line in lines if not line.startswith("compiling numerical code"))
-
-    return call
+def peltier(capsys: pytest.CaptureFixture[str]) -> Peltier:
+    """The command line in this process."""
+    return Peltier(capsys)
 
 
 @pytest.fixture(scope="module")

@@ -158,9 +158,7 @@ def test_a_script_imports_its_own_modules_and_our_rig(root: Path, tmp_path: Path
     assert f"peltier: {tmp_path / 'serial.py'} is not imported: 'serial' is the module" in text
 
 
-def test_modules_of_the_users_pythonpath_are_found_last(
-    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_users_pythonpath_is_looked_at_last(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A driver of one's own may import what its maker sells."""
     (tmp_path / "makers_bath.py").write_text("name = 'bath'\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))

@@ -48,9 +48,7 @@ def launcher(root: Path, monkeypatch: pytest.MonkeyPatch, *words: str) -> Module
     return module
 
 
-def test_whoever_wants_no_bytecode_beside_the_sources_gets_it_elsewhere(
-    root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_wants_no_bytecode_beside_sources_gets_it_elsewhere(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiled again in each process, a run's modules would take a second and a half."""
     monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     monkeypatch.delenv("PYTHONPYCACHEPREFIX", raising=False)

@@ -154,9 +154,7 @@ def test_fields_of_a_named_tuple_in_another_order(run: Callable[..., tuple[str, 
     assert run()[0] == "2.0"
 
 
-def test_where_nothing_can_be_kept_it_computes_all_the_same(
-    run: Callable[..., tuple[str, str]], tmp_path: Path
-) -> None:
+def test_nothing_can_be_kept_and_it_computes(run: Callable[..., tuple[str, str]], tmp_path: Path) -> None:
     """In a container or for a service account; a line names the variable to set."""
     (tmp_path / "file").write_text("")
     out, err = run(NUMBA_CACHE_DIR=str(tmp_path / "file" / "below"))

@@ -1,4 +1,4 @@
-"""What the film model lacks, as the law takes it: as good as with a known size of it, whatever that is, in any unit."""
+"""What the film model lacks, as the law takes it on the way, and out of the readings of a run that is over."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from compensator.control.estimator import disturbance_of, errors_after, errors_later, initial_errors, with_disturbance
+from compensator.control.estimator import disturbance_of, errors_after, errors_later, initial_errors, model_error
 from compensator.hysteresis.functions import Array
 
 PERIOD_S, NOISE, RANGE, MOVED = 0.1, 0.002, 2.0, 0.001  # decades, of a film that moves by 0.01 a second
@@ -76,17 +76,6 @@ def test_its_doubt_is_what_it_is_off(size: float) -> None:
     assert 0.7 < np.mean(np.square(off)) / np.mean(doubts) < 1.4
 
 
-def test_a_film_that_stands_still_is_known_better_and_better() -> None:
-    errors, doubts, chance = initial_errors(RANGE).copy(), [], np.random.default_rng(3)
-    for _ in range(600):
-        errors = errors_after(
-            errors_later(errors, RANGE, 0.0, PERIOD_S), 0.01 + NOISE * chance.standard_normal(), NOISE**2, 1.0
-        )
-        doubts.append(disturbance_of(errors)[1])
-    assert doubts[-1] < doubts[100] < doubts[10]
-    assert disturbance_of(errors)[0] == pytest.approx(0.01, abs=4.0 * math.sqrt(doubts[-1]))
-
-
 def test_it_goes_by_the_output_s_range_not_by_its_unit() -> None:
     truth, readings = walked(0.02, 4, 800)
     in_another_unit = followed(1e3 * truth, 1e3 * readings, 1e3 * NOISE, 1e3 * RANGE)
@@ -98,10 +87,50 @@ def test_one_reading_counts_for_no_more_than_is_said() -> None:
     assert disturbance_of(errors)[0] <= 0.35 * 0.1
 
 
-def test_a_mean_that_was_told_otherwise_keeps_its_doubt() -> None:
-    errors = initial_errors(RANGE).copy()
-    for off in (0.01, 0.012, 0.009):
-        errors = errors_after(errors_later(errors, RANGE, MOVED, PERIOD_S), off, NOISE**2, 1.0)
-    mean, doubt = disturbance_of(with_disturbance(errors, 0.05))
-    assert mean == pytest.approx(0.05)
-    assert doubt == pytest.approx(disturbance_of(errors)[1])
+ROWS = 6000
+
+
+def _walk(seed: int, over_a_length: float) -> tuple[np.ndarray, np.ndarray]:
+    """(a random walk along a course of ramps and dwells, the course's steps)."""
+    random = np.random.default_rng(seed)
+    steps = np.where(np.arange(ROWS) // 600 % 2 == 0, 0.001, 0.0)
+    return np.cumsum(over_a_length * np.sqrt(steps / 0.05) * random.standard_normal(ROWS)), steps
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_error_is_found_to_what_both_sides_tell(seed: int) -> None:
+    true, steps = _walk(seed, 0.004)
+    found = model_error(true + NOISE * np.random.default_rng(100 + seed).standard_normal(ROWS), steps)
+    moving = steps > 0.0
+    walk2, noise2 = 0.004**2 * 0.001 / 0.05, NOISE**2
+    bound = np.sqrt(0.5 * walk2 * noise2 / np.sqrt(walk2 * noise2 + 0.25 * walk2**2))  # of an endless walk, smoothed
+    assert np.std((found - true)[moving]) < 1.15 * bound
+    assert np.std((found - true)[~moving]) < 0.3 * NOISE
+
+
+@pytest.mark.parametrize("scale", [1.0, 750.0])
+def test_noise_alone_teaches_next_to_nothing_in_whatever_unit(scale: float) -> None:
+    _, steps = _walk(0, 0.0)
+    noise = scale * NOISE * np.random.default_rng(5).standard_normal(ROWS)
+    assert np.std(model_error(noise, scale * steps)) < 0.1 * scale * NOISE
+
+
+def test_repetitions_add_what_is_left() -> None:
+    true, steps = _walk(7, 0.004)
+    known, left = np.zeros(ROWS), []
+    for k in range(4):
+        left.append(float(np.std(true - known)))
+        known = known + model_error(true - known + NOISE * np.random.default_rng(k).standard_normal(ROWS), steps)
+    assert left[1] < 0.3 * left[0]
+    assert left[3] < 1.05 * left[1]
+
+
+def test_gaps_and_too_few_readings() -> None:
+    true, steps = _walk(3, 0.004)
+    off = true + NOISE * np.random.default_rng(3).standard_normal(ROWS)
+    off[:50] = off[1000:1100] = np.nan
+    found = model_error(off, steps)
+    assert np.all(np.isfinite(found))
+    assert np.std(found - true) < 0.8 * NOISE
+    assert not np.any(model_error(np.full(50, 0.1), steps[:50]))
+    assert not np.any(model_error(np.full(500, np.nan), steps[:500]))

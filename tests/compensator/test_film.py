@@ -108,3 +108,20 @@ def test_envelopes_and_memoryless_functions_refuse_what_they_cannot_be() -> None
         Memoryless("step")
     with pytest.raises(ValueError, match="finite"):
         Memoryless("sin", np.inf)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_nan_among_the_inputs_loses_no_step(seed: int) -> None:
+    """Of films with common and with mixed envelopes."""
+    model = any_model(np.random.default_rng(seed))
+    inputs = np.array([40.0, 60.0, 70.0, 60.0, 50.0])
+    gap = np.insert(inputs, [2, 5], np.nan)
+    memory = model.initial_memory(40.0, "heated")
+    plain, after = model.simulate(inputs, memory)
+    outputs, end = model.simulate(gap, memory)
+    known = np.isfinite(gap)
+    np.testing.assert_array_equal(outputs[known], plain)
+    assert np.all(np.isnan(outputs[~known]))
+    assert end.input_degC == after.input_degC
+    np.testing.assert_array_equal(end.plays, after.plays)
+    np.testing.assert_array_equal(model.play_outputs(gap, memory)[known], model.play_outputs(inputs, memory))

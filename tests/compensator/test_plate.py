@@ -1,4 +1,4 @@
-"""The plate's physics: Peltier's laws, energy balance, and a step that is exact."""
+"""The plate's physics: its balance of heat, with and without slopes, and a step that is exact."""
 
 from __future__ import annotations
 
@@ -17,49 +17,7 @@ PLATE = PlateModel(S / C, R / C, G / C, AMBIENT)
 OF_S, OF_R = 0.002, 0.004  # 1/K: what modules of bismuth telluride have
 SLOPED = replace(PLATE, seebeck_slope_per_K=OF_S, resistance_slope_per_K=OF_R)
 TEMPERATURES, CURRENTS = st.floats(-20.0, 120.0), st.floats(-6.0, 6.0)
-
-
-def heat_into_plate_W(temperature_degC: float, current_A: float) -> float:
-    return PLATE.rate_K_per_s(temperature_degC, current_A) * C
-
-
-@settings(deadline=None)
-@given(TEMPERATURES, CURRENTS)
-def test_heat_out_minus_heat_in_is_the_electrical_power(t: float, i: float) -> None:
-    """Q_h - Q_c = P: the far side, at T_a, gives Q_c, and the plate gets Q_h."""
-    drawn_from_far_side = S * i * (AMBIENT + 273.15) - 0.5 * R * i * i - G * (t - AMBIENT)
-    power = i * (S * (t - AMBIENT) + R * i)  # voltage times current
-    assert heat_into_plate_W(t, i) - drawn_from_far_side == pytest.approx(power, abs=1e-9)
-
-
-@settings(deadline=None)
-@given(TEMPERATURES)
-def test_the_largest_heat_is_pumped_at_s_t_over_r(t: float) -> None:
-    best = -S * (t + 273.15) / R
-    low, high = PLATE.current_range_A(t, 1e6)
-    assert low == pytest.approx(best, rel=1e-12)
-    assert high == 1e6
-    coldest = heat_into_plate_W(t, best)
-    assert coldest <= min(heat_into_plate_W(t, best * 1.001), heat_into_plate_W(t, best * 0.999))
-    assert coldest + G * (t - AMBIENT) == pytest.approx(-0.5 * (S * (t + 273.15)) ** 2 / R, rel=1e-9)
-
-
-def test_the_largest_difference_is_z_t_squared_over_two() -> None:
-    """The coldest steady plate T_c: T_a - T_c = Z T_c^2 / 2 with Z = S^2 / (R G)."""
-    t = 0.0
-    for _ in range(200):
-        low, _ = PLATE.current_range_A(t, 1e6)
-        t = PLATE.step(t, low, 50.0)
-    kelvin = t + 273.15
-    assert AMBIENT - t == pytest.approx(0.5 * S * S / (R * G) * kelvin * kelvin, rel=1e-9)
-
-
-@settings(deadline=None)
-@given(TEMPERATURES, st.floats(-2.0, 2.0))
-def test_the_inverse_gives_the_rate_or_the_limit(t: float, rate: float) -> None:
-    current = PLATE.current_for_rate_A(t, rate, 5.0)
-    slowest, fastest = PLATE.rate_range_K_per_s(t, 5.0)
-    assert PLATE.rate_K_per_s(t, current) == pytest.approx(min(max(rate, slowest), fastest), abs=1e-10)
+PLATES = st.sampled_from([PLATE, SLOPED])
 
 
 def test_a_heater_only_heats() -> None:
@@ -69,35 +27,36 @@ def test_a_heater_only_heats() -> None:
     assert heater.rate_K_per_s(60.0, heater.current_for_rate_A(60.0, 0.05, 1.0)) == pytest.approx(0.05)
 
 
-def sloped_rate(t: float, i: float) -> float:
-    """The balance of a plate with slopes, K/s, written once more."""
-    seebeck, resistance = S * (1.0 + OF_S * (t - 25.0)), R * (1.0 + OF_R * (t - 25.0))
+def balance(plate: PlateModel, t: float, i: float) -> float:
+    """The plate's balance of heat, K/s, written once more."""
+    seebeck = S * (1.0 + plate.seebeck_slope_per_K * (t - 25.0))
+    resistance = R * (1.0 + plate.resistance_slope_per_K * (t - 25.0))
     return (seebeck * i * (t + 273.15) + 0.5 * resistance * i * i - G * (t - AMBIENT)) / C
 
 
 @settings(deadline=None, max_examples=60)
-@given(TEMPERATURES, CURRENTS, st.floats(1e-3, 30.0))
-def test_a_step_of_a_plate_with_slopes_is_exact(t: float, i: float, dt: float) -> None:
+@given(PLATES, TEMPERATURES, CURRENTS, st.floats(1e-3, 30.0))
+def test_a_step_is_exact(plate: PlateModel, t: float, i: float, dt: float) -> None:
     """Simulator and law take periods of any length in one step: an error of it would look like a lag of the plate."""
-    solved = solve_ivp(lambda _, x: sloped_rate(x, i), (0.0, dt), [t], method="DOP853", rtol=1e-12, atol=1e-12)
-    assert SLOPED.step(t, i, dt) == pytest.approx(solved.y[0, -1], rel=1e-10, abs=1e-10)
-    half = SLOPED.step(SLOPED.step(t, i, 0.5 * dt), i, 0.5 * dt)
-    assert half == pytest.approx(SLOPED.step(t, i, dt), rel=1e-11, abs=1e-10)
+    solved = solve_ivp(lambda _, x: balance(plate, x, i), (0.0, dt), [t], method="DOP853", rtol=1e-12, atol=1e-12)
+    assert plate.step(t, i, dt) == pytest.approx(solved.y[0, -1], rel=1e-10, abs=1e-10)
+    half = plate.step(plate.step(t, i, 0.5 * dt), i, 0.5 * dt)
+    assert half == pytest.approx(plate.step(t, i, dt), rel=1e-11, abs=1e-10)
 
 
 @settings(deadline=None)
-@given(TEMPERATURES, CURRENTS, st.floats(-2.0, 2.0))
-def test_the_law_sees_the_slopes(t: float, i: float, wanted: float) -> None:
+@given(PLATES, TEMPERATURES, CURRENTS, st.floats(-2.0, 2.0))
+def test_rates_and_currents_are_those_of_the_balance(plate: PlateModel, t: float, i: float, wanted: float) -> None:
     """Feedforward, largest cooling, and the operating point that gains and margins are designed at."""
-    assert SLOPED.rate_K_per_s(t, i) == pytest.approx(sloped_rate(t, i), abs=1e-12)
-    low, high = SLOPED.current_range_A(t, 1e6)
-    assert sloped_rate(t, low) <= min(sloped_rate(t, 1.001 * low), sloped_rate(t, 0.999 * low))
-    low, high = SLOPED.rate_range_K_per_s(t, 5.0)
-    current = SLOPED.current_for_rate_A(t, wanted, 5.0)
-    assert sloped_rate(t, current) == pytest.approx(min(max(wanted, low), high), abs=1e-10)
-    gain, pole = SLOPED.linearized(t, i)
-    assert gain == pytest.approx((sloped_rate(t, i + 1e-4) - sloped_rate(t, i - 1e-4)) / 2e-4, abs=1e-8)
-    assert pole == pytest.approx(-(sloped_rate(t + 1e-3, i) - sloped_rate(t - 1e-3, i)) / 2e-3, abs=1e-8)
+    assert plate.rate_K_per_s(t, i) == pytest.approx(balance(plate, t, i), abs=1e-12)
+    low, high = plate.current_range_A(t, 1e6)
+    assert balance(plate, t, low) <= min(balance(plate, t, 1.001 * low), balance(plate, t, 0.999 * low))
+    low, high = plate.rate_range_K_per_s(t, 5.0)
+    current = plate.current_for_rate_A(t, wanted, 5.0)
+    assert balance(plate, t, current) == pytest.approx(min(max(wanted, low), high), abs=1e-10)
+    gain, pole = plate.linearized(t, i)
+    assert gain == pytest.approx((balance(plate, t, i + 1e-4) - balance(plate, t, i - 1e-4)) / 2e-4, abs=1e-8)
+    assert pole == pytest.approx(-(balance(plate, t + 1e-3, i) - balance(plate, t - 1e-3, i)) / 2e-3, abs=1e-8)
 
 
 @pytest.mark.parametrize("slope", [1e-7, 1e-10, 1e-14])

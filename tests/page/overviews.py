@@ -7,14 +7,14 @@ import http.client
 import json
 import os
 import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
+
+from tests.peltier import begun
 
 ROOT = Path(__file__).resolve().parents[2]
 LONGEST_S = 60.0  # of patience on a busy computer
@@ -69,12 +69,7 @@ def written(folder: Path, benches: dict[str, str], tokens: dict[str, str] | None
 @contextlib.contextmanager
 def overviewing(path: Path) -> Iterator[Overview]:
     """`peltier overview` of a configuration, from its first line on."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rig", "overview", str(path)],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+    process = begun("overview", path, env={**os.environ, "PYTHONPATH": str(ROOT)})
     try:
         assert process.stdout is not None
         yield Overview(process.stdout.readline().split()[1])

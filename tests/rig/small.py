@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -80,14 +80,18 @@ def write_bench(
     kind: str = "track_resistance",
     experiment: str = "",
     more: str = "",
+    changed: Sequence[tuple[str, str]] = (),
 ) -> Path:
     """model.toml and config.toml in a folder; returns the configuration's path. kind: of the
-    experiment; experiment: its whole table, in the place of one that follows the target."""
+    experiment; experiment: its whole table, in the place of one that follows the target; changed: what stands there
+    instead, wherever the first of a pair does."""
     (folder / "model.toml").write_text(MODEL)
     bench = BENCH.format(time=time, controller=controller, meter=meter, limits=limits)
-    (folder / "config.toml").write_text(
-        bench + (experiment or EXPERIMENT.format(kind=kind, target=target)) + SIMULATION + more
-    )
+    text = bench + (experiment or EXPERIMENT.format(kind=kind, target=target)) + SIMULATION + more
+    for old, new in changed:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "config.toml").write_text(text)
     return folder / "config.toml"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -16,10 +15,10 @@ from rig.__main__ import main
 from rig.config.model_file import read_model
 from rig.records.record_file import write_columns
 from rig.report.diagnosis_words import model_comment
+from tests.peltier import Peltier
 from tests.sim.diagnosis.plate_record import record as plate_record
 from tests.truth import NOISE_DEC, record
 
-Peltier = Callable[..., tuple[int, str, str]]
 ROWS, TAU_S = 2000, 1.0
 
 
@@ -84,8 +83,7 @@ def test_the_extended_model_predicts_as_well_as_the_diagnosis_says(
     assert model.plate is not None
     assert [effect["name"] for effect in model.effects] == ["film_lag"]
     words = ("--initial", "fitted", "--json", folder / "predicted.json")
-    status, _, _ = peltier("predict", said["model"], folder / "record.csv", *words)
-    assert status == 0
+    peltier.succeeds("predict", said["model"], folder / "record.csv", *words)
     predicted = json.loads((folder / "predicted.json").read_text())
     assert predicted["film_driven_by"] == "current"
     assert predicted["rmse_dec"] < 1.1 * said["channels"]["resistance_dec"]["rmse_extended"]
@@ -141,9 +139,7 @@ def test_a_record_that_tells_nothing_is_told_so(
 
 def test_a_record_that_is_too_short_is_told_so(tmp_path: Path, peltier: Peltier) -> None:
     path = small(tmp_path, 12, temperature_degC=np.arange(12.0), current_A=np.ones(12))
-    status, _, err = peltier("diagnose", path)
-    assert status == 2
-    assert "12 rows; expected at least" in err
+    assert "12 rows; expected at least" in peltier.fails("diagnose", path)
 
 
 @pytest.mark.parametrize(
@@ -158,17 +154,14 @@ def test_words_that_say_nothing_are_told_in_one_line(
     tmp_path: Path, peltier: Peltier, words: list[str], said: str
 ) -> None:
     path = small(tmp_path, temperature_degC=np.arange(200.0), current_A=np.ones(200))
-    status, _, err = peltier("diagnose", path, *words)
-    assert status == 2
+    err = peltier.fails("diagnose", path, *words)
     assert said in err
     assert len(err.splitlines()) == 1
 
 
 def test_out_takes_one_record(tmp_path: Path, peltier: Peltier) -> None:
     path = small(tmp_path, temperature_degC=np.arange(200.0), current_A=np.ones(200))
-    status, _, err = peltier("diagnose", path, path, "--out", tmp_path / "model.toml")
-    assert status == 2
-    assert "--out" in err
+    assert "--out" in peltier.fails("diagnose", path, path, "--out", tmp_path / "model.toml")
 
 
 def test_a_share_of_the_full_drive_is_no_ampere_and_the_model_bears_its_doubts(
@@ -204,8 +197,7 @@ def test_a_model_file_says_which_sizes_are_not_fixed() -> None:
 def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
     columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "resistance_ohm=R_ohm"]
     words = (*columns, "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml", "--report", tmp_path / "r")
-    status, out, _ = peltier("diagnose", measured / "vo2_film_major_loop.tsv", *words)
-    assert status == 0
+    out = peltier.succeeds("diagnose", measured / "vo2_film_major_loop.tsv", *words)
     assert out.startswith("Rows too far apart")
     said = json.loads((tmp_path / "out.json").read_text())
     assert said["film"]["memoryless"] != "none"
@@ -216,7 +208,7 @@ def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, p
     assert said["channels"]["temperature_K"] is None
     assert said["channels"]["resistance_dec"]["rmse_extended"] < 0.02
     assert {left["rule"] for left in said["rows"]["left_out"]} == {"stamped where the plate is not known"}
-    status, _, _ = peltier(
+    peltier.succeeds(
         "predict",
         tmp_path / "model.toml",
         measured / "vo2_film_major_loop.tsv",
@@ -224,5 +216,4 @@ def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, p
         "--json",
         tmp_path / "p.json",
     )
-    assert status == 0
     assert json.loads((tmp_path / "p.json").read_text())["rmse_dec"] < 0.06

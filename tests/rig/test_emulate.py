@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -20,6 +20,7 @@ from rig.drivers.registry import open_controller, open_meter
 from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
+from tests.peltier import Peltier, begun
 from tests.rig.daemon.benches import until
 from tests.rig.small import write_bench
 
@@ -31,8 +32,7 @@ PATIENCE_S = 120.0  # on a busy computer
 
 def emulating(root: Path, *words: object, env: dict[str, str] | None = None) -> subprocess.Popen[str]:
     """`peltier emulate` in a process of its own, with these arguments."""
-    command = [sys.executable, "-m", "rig", "emulate", *map(str, words)]
-    return subprocess.Popen(command, cwd=root, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return begun("emulate", *words, cwd=root, env=env, stderr=subprocess.PIPE)
 
 
 @pytest.mark.long
@@ -84,37 +84,6 @@ def test_the_rig_drives_what_emulate_serves(tmp_path: Path, root: Path) -> None:
     assert process.returncode == 128 + signal.SIGINT, err
 
 
-class Garbage:
-    """An instrument that answers everything with noise."""
-
-    def __init__(self) -> None:
-        self._answers = b""
-
-    def receive(self, data: bytes, time_s: float) -> None:
-        self._answers += b"\xff\x00#!%$\r\n9.9.9E,,\n"
-
-    def transmit(self, time_s: float) -> bytes:
-        answers, self._answers = self._answers, b""
-        return answers
-
-    def next_transmit_s(self) -> float | None:
-        return 0.0 if self._answers else None
-
-
-def test_a_meter_that_answers_garbage(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
-    path = write_bench(tmp_path)
-    instruments = {role: i for role, _, i in emulated_instruments(read_configuration(path), 0.0)}
-    instruments["meter"] = Garbage()
-    with PseudoTerminals(instruments) as terminals:
-        ports = terminals.paths
-        path = write_bench(tmp_path, time="real", controller=ports["controller"], meter=ports["meter"])
-        status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 1
-    assert "output off, confirmed" in err
-    assert len(err.strip().splitlines()) == 1
-    assert not (tmp_path / "run").exists()
-
-
 @contextlib.contextmanager
 def open_in_another(port: str, lock: bool | None) -> Iterator[subprocess.Popen[str]]:
     """Another process that has a port open. lock: None, as most programs open one."""
@@ -148,9 +117,7 @@ class Heard:
     ("verb", "role", "lock"),
     [("run", "controller", True), ("check", "controller", True), ("run", "controller", None), ("run", "meter", None)],
 )
-def test_a_port_that_another_process_has(
-    tmp_path: Path, peltier: Callable[..., tuple[int, str, str]], verb: str, role: str, lock: bool | None
-) -> None:
+def test_a_port_of_another_process(tmp_path: Path, peltier: Peltier, verb: str, role: str, lock: bool | None) -> None:
     """With a lock, or without one, as most programs open it: in one line, before anything is sent."""
     path = write_bench(tmp_path)
     instruments = {role: Heard(i) for role, _, i in emulated_instruments(read_configuration(path), 0.0)}
@@ -165,7 +132,7 @@ def test_a_port_that_another_process_has(
     assert not (tmp_path / "run").exists()
 
 
-def test_check_tells_who_else_has_a_port_open(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
+def test_check_tells_who_else_has_a_port_open(tmp_path: Path, peltier: Peltier) -> None:
     """A program that takes no lock is kept out by none, and can switch the output on."""
     path = write_bench(tmp_path)
     instruments = {role: i for role, _, i in emulated_instruments(read_configuration(path), 0.0)}
@@ -182,7 +149,7 @@ def test_check_tells_who_else_has_a_port_open(tmp_path: Path, peltier: Callable[
     assert "open as well" not in out
 
 
-def test_instruments_with_parity_are_emulated_too(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
+def test_instruments_with_parity_are_emulated_too(tmp_path: Path, peltier: Peltier) -> None:
     """Linux sets neither parity nor seven bits at a pseudo-terminal: 7O1 and 7E2 are for real lines."""
     path = write_bench(tmp_path, time="real")
     text = path.read_text().replace('"meerstetter"', '"lakeshore"').replace('"keithley2000"', '"hp34401a"')

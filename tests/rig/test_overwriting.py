@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests.peltier import Peltier
 from tests.rig.small import MODEL, write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 RECORD = "time_s,temperature_degC,resistance_ohm\n" + "".join(f"{k},{40 + k},{20000 - 50 * k}\n" for k in range(20))
 
 
@@ -73,15 +72,12 @@ def test_what_a_run_has_written_stays(
     assert {path.name: path.read_text() for path in (tmp_path / "film_a").iterdir()} == before
 
 
-def test_what_one_has_put_beside_a_run_may_be_written_again(
-    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_beside_a_run_may_be_replaced(peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "model.toml").write_text(MODEL)
     (tmp_path / "record.csv").write_text(RECORD)
     (tmp_path / "film_a").mkdir()
     for name in ("run.json", "mine.csv"):
         (tmp_path / "film_a" / name).write_text("before")
-    status, _, err = peltier("predict", "model.toml", "record.csv", "--out", "film_a/mine.csv")
-    assert status == 0, err
+    peltier.succeeds("predict", "model.toml", "record.csv", "--out", "film_a/mine.csv")
     assert "predicted_ohm" in (tmp_path / "film_a" / "mine.csv").read_text()

@@ -8,7 +8,6 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,8 @@ import pytest
 
 from rig.__main__ import main
 from rig.analysis.error import score
+from tests.peltier import Peltier
 from tests.rig.small import write_bench
-
-Peltier = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture(scope="module")
@@ -62,9 +60,7 @@ def test_every_report_draws_the_error(tracked: tuple[Path, str], peltier: Peltie
         assert (one / "figures" / "errors.svg").is_file()
 
 
-def test_a_report_is_written_anew_from_the_folder_alone(
-    tracked: tuple[Path, str], peltier: Peltier, tmp_path: Path
-) -> None:
+def test_a_report_is_made_from_the_folder_alone(tracked: tuple[Path, str], peltier: Peltier, tmp_path: Path) -> None:
     folder, _ = tracked
     assert peltier("report", folder, "--out", tmp_path / "anew") == (0, f"{tmp_path / 'anew' / 'report.html'}\n", "")
     first, anew = ((one / "report.html").read_text() for one in (folder, tmp_path / "anew"))
@@ -82,8 +78,7 @@ def test_a_run_that_tripped_has_its_report(peltier: Peltier, tmp_path: Path) -> 
     hot = write_bench(tmp_path, limits="[10, 62]", target='["start 0 A", "hold 1 s", "step to 2 A", "hold 60 s"]')
     text = hot.read_text().replace('kind = "track_resistance"\nmodel = "model.toml"', 'kind = "current_profile"')
     hot.write_text(text)
-    status, _, err = peltier("run", hot, "--out", tmp_path / "hot")
-    assert status == 10
+    err = peltier.fails("run", hot, "--out", tmp_path / "hot", status=10)
     place = tmp_path / "hot.part" / "report.html"
     assert f"report: {place}" in err
     assert err.index("output off, confirmed") < err.index("report: ")
@@ -92,9 +87,7 @@ def test_a_run_that_tripped_has_its_report(peltier: Peltier, tmp_path: Path) -> 
     assert "outside the limits" in report
     assert peltier("report", tmp_path / "hot.part")[0] == 0
     assert place.read_text() == report
-    status, _, err = peltier("report", tmp_path / "hot")
-    assert status == 2
-    assert f"did you mean {tmp_path / 'hot.part'}" in err
+    assert f"did you mean {tmp_path / 'hot.part'}" in peltier.fails("report", tmp_path / "hot")
 
 
 def test_a_run_that_was_killed_while_it_calibrated(tracked: tuple[Path, str], peltier: Peltier, tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import csv
 import json
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TextIO, cast
@@ -23,12 +22,26 @@ from matplotlib.lines import Line2D
 from rig.analysis.error import RESIDUAL, residual, residual_dec
 from rig.records.record_file import read_record, write_columns
 from rig.report.diagnosis import residuals
-from rig.report.page import BLUE, DARK, GOLD, GREEN, PAPER, PURPLE, RED, draw_line, new_figure
+from rig.report.page import (
+    BLUE,
+    DARK,
+    GOLD,
+    GREEN,
+    MOST_POINTS,
+    PAPER,
+    PURPLE,
+    RED,
+    draw_line,
+    log_scale,
+    new_figure,
+    saved,
+    thinned,
+)
 from sim.inference.record.quantity import Quantity
+from tests.peltier import Peltier
 from tests.rig.small import MODEL, write_bench
 from tests.sim.diagnosis.plate_record import levels, record
 
-Peltier = Callable[..., tuple[int, str, str]]
 GAP_S = (20.0, 40.0)  # of every record here: no row in between
 
 
@@ -95,8 +108,7 @@ def test_a_prediction_says_the_same_sign_in_figures_columns_json_and_words(
 ) -> None:
     path = film_record(tmp_path / "film.csv")
     words = ["--out", tmp_path / "out.csv", "--report", tmp_path / "report", "--json", tmp_path / "out.json"]
-    status, out, _ = peltier("predict", tmp_path / "model.toml", path, *words)
-    assert status == 0
+    out = peltier.succeeds("predict", tmp_path / "model.toml", path, *words)
     with (tmp_path / "out.csv").open() as file:
         rows = list(csv.DictReader(file))
     expected = np.array([np.log10(float(r["resistance_ohm"]) / float(r["predicted_ohm"])) for r in rows])
@@ -130,9 +142,7 @@ def through(figures: list[Figure], low: float, high: float) -> list[str]:
     return found
 
 
-def test_no_line_of_a_model_and_its_record_goes_through_a_gap(
-    peltier: Peltier, tmp_path: Path, figures: list[Figure]
-) -> None:
+def test_no_line_of_a_model_goes_through_a_gap(peltier: Peltier, tmp_path: Path, figures: list[Figure]) -> None:
     film = film_record(tmp_path / "film.csv")
     columns = record(25.0, levels(4, 12), 4)
     time = columns["time_s"]
@@ -221,3 +231,36 @@ def test_every_fixed_colour_of_a_figure_is_seen_in_the_dark(peltier: Peltier, tm
     for colour in used & set(DARK):
         for what in ("fill", "stroke"):
             assert f'[style*="{what}: {colour}"] {{ {what}: {DARK[colour]} !important }}' in page
+
+
+@pytest.mark.parametrize(
+    ("low_ohm", "high_ohm", "label"), [(1e2, 1e6, "10\N{THIN SPACE}k"), (7.9e4, 8.1e4, "80\N{THIN SPACE}k")]
+)
+def test_labels_of_a_log_scale_are_plain_text(tmp_path: Path, low_ohm: float, high_ohm: float, label: str) -> None:
+    figure, axes = new_figure(1, 3.0)
+    axes[0].plot(np.geomspace(low_ohm, high_ohm, 50))
+    log_scale(axes[0])
+    text = saved(figure, tmp_path, "t", "caption")
+    assert f">{label}<" in text
+    assert "times" not in text
+    assert not any("$" in tick.get_text() for tick in axes[0].get_yticklabels(which="both"))
+
+
+def test_no_peak_is_lost_among_a_week_of_rows() -> None:
+    size = 600_000
+    time, steady, other = np.arange(size, dtype=float), np.zeros(size), np.full(size, np.nan)
+    steady[[1234, 599_001]] = 5.0, -7.0
+    steady[300_000] = np.inf  # beyond the range: no peak, and it hides none
+    steady[300_001] = 3.0
+    other[400_000:400_200] = 1.0
+    t, shown, rest = thinned(time, steady, other)
+    assert t.size <= MOST_POINTS
+    assert np.all(np.diff(t) > 0.0)
+    assert (t[0], t[-1]) == (0.0, size - 1.0)
+    assert [float(t[k]) for k in np.flatnonzero(shown != 0.0) if np.isfinite(shown[k])] == [
+        1234.0,
+        300_001.0,
+        599_001.0,
+    ]
+    assert np.any(rest == 1.0)
+    np.testing.assert_array_equal(steady[t.astype(int)], shown)

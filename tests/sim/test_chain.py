@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -9,9 +11,12 @@ from scipy.optimize import brentq
 
 from compensator.hysteresis.film import Memory
 from sim.effects.catalogue import catalogue
+from sim.effects.effect import Filter, Switched, switched
+from sim.inference.record.record import read_columns
 from sim.model.film_nodes import FilmNodes
-from sim.model.links import links_of
+from sim.model.links import columns_followed, links_of
 from sim.model.ohmmeter import shown_in_rows
+from sim.model.plate_path import plate_nodes, simulate_plate
 from sim.model.record_run import RecordRun, straight_path
 from sim.world.films import PreisachFilm
 from sim.world.plant import Readings, SimulatedPlant, World, at_rest, commanded, simulate_record, stamp_s
@@ -179,3 +184,54 @@ def test_a_trial_that_has_no_resistance_warns_of_nothing() -> None:
     signal = np.array([-400.0, -5.0, 400.0])
     shown = shown_in_rows(links, nodes, signal, signal)
     np.testing.assert_allclose(shown, signal - np.log10([1.01, 1.01, 1.0]), rtol=0.0, atol=1e-12)
+
+
+WITH_COLUMNS = [e for e in catalogue().values() if isinstance(e.form, Filter) and e.form.columns is not None]
+
+
+@pytest.mark.parametrize("effect", WITH_COLUMNS, ids=lambda e: e.name)
+@pytest.mark.parametrize("tau_s", [0.0, 0.2, 300.0])
+def test_to_the_bit(effect: object, tau_s: float) -> None:
+    """Uneven times, two nodes at one of them, and a filter that is none."""
+    assert isinstance(effect, type(WITH_COLUMNS[0]))
+    assert isinstance(effect.form, Filter)
+    rng = np.random.default_rng(1)
+    time_s = np.cumsum(rng.choice([0.0, 0.1, 0.1, 0.3], 500))
+    columns = np.cumsum(rng.standard_normal((500, 7)), axis=0)
+    par = np.array([tau_s if p.name == "tau_s" else 0.1 for p in effect.parameters])
+    one_by_one = replace(effect, form=replace(effect.form, columns=None))
+    together = columns_followed(Switched(effect, par), time_s, columns)
+    np.testing.assert_array_equal(together, columns_followed(Switched(one_by_one, par), time_s, columns))
+
+
+def test_the_film_and_the_ohmmeter_have_some() -> None:
+    assert {e.name for e in WITH_COLUMNS} == {"creep", "meter_lag"}
+
+
+S, R, G, AMBIENT_DEGC, START_DEGC, CURRENT_A = 0.005, 0.3, 0.07, 25.0, 25.0, 1.5
+
+
+@pytest.mark.parametrize("interval_s", [0.2, 0.5, 2.0])
+def test_a_lag_behind_a_plate_that_bends_between_the_rows(interval_s: float) -> None:
+    """Two rates: the plate's g - s I and the thermometer's 1 / tau. Straight between rows would be 0.02 K off."""
+    time, tau = np.arange(0.0, 200.0, interval_s), 3.0
+    rate = G - S * CURRENT_A
+    end = (S * 273.15 * CURRENT_A + 0.5 * R * CURRENT_A**2 + G * AMBIENT_DEGC) / rate
+    plate = end + (START_DEGC - end) * np.exp(-rate * time)
+    shown = end + (START_DEGC - end) / (1.0 - rate * tau) * (np.exp(-rate * time) - rate * tau * np.exp(-time / tau))
+    record = read_columns(
+        {"time_s": time, "temperature_degC": plate, "current_A": np.full(time.size, CURRENT_A)}, held_out=False
+    )
+    links = links_of([switched(catalogue()["sensor_lag"], [tau])])
+    run = simulate_plate(
+        record,
+        plate_nodes(record, links),
+        np.array([S, R, G, 0.0, AMBIENT_DEGC, 0.0, 0.0]),
+        links,
+        np.array([START_DEGC]),
+        record.first_rows,
+        np.empty((1, 0)),
+        np.zeros((1, 1)),
+    )
+    np.testing.assert_allclose(run.path.at(time), plate, atol=1e-7)
+    np.testing.assert_allclose(run.shown_degC, shown, atol=2e-4)

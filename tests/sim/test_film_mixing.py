@@ -74,9 +74,3 @@ def test_it_comes_back_and_its_slope_is_its_own(exponent: float, percolation: fl
     inside = (u > -4.99) & (u < -2.51)
     quotient = (phases.mixed(u + 1e-6) - phases.mixed(u - 1e-6)) / 2e-6
     np.testing.assert_allclose(phases.slope(y)[inside], quotient[inside], rtol=1e-4)
-
-
-def test_the_ends_stay_where_they_are() -> None:
-    ends = np.array([-5.0, -2.5])
-    for exponent, percolation in PHASES:
-        np.testing.assert_allclose(PhaseMixing(-5.0, -2.5, exponent, percolation).mixed(ends), ends, atol=1e-9)

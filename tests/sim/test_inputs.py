@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from sim.model.inputs import logged_inputs
 
@@ -31,8 +30,3 @@ def test_the_mean_between_two_nodes() -> None:
     found = logged_inputs({"input_2": np.array([1.0, 3.0]), "ambient_degC": np.array([20.0, 24.0])}, [0])
     means = found.between(np.array([0.0, 2.0]), np.array([0.0, 1.0, 2.0]))
     np.testing.assert_allclose(means, [[1.0, 1.0], [1.0, 3.0], [3.0, 4.0]])
-
-
-def test_coefficients_by_name() -> None:
-    found = logged_inputs({"input_2": np.array([1.0, 3.0]), "ambient_degC": np.array([20.0, 24.0])}, [0])
-    assert found.coefficients({"ambient_degC": 0.02, "sink_degC": 1.0}) == pytest.approx([0.0, 0.02])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.hysteresis.film import Memoryless
 from compensator.thermal.plate import PlateModel
 from sim.world.films import PreisachFilm
 from sim.world.plant import SimulatedPlant, World
@@ -75,14 +74,3 @@ def test_a_film_of_relays_is_smooth() -> None:
     few, many = (PreisachFilm.bell_shaped(s, relays=n, decades=2.0) for s, n in ((3, 16_000), (4, 1_000_000)))
     shown = [film.simulate(course, film.initial_memory(40.0, "heated"))[0] for film in (few, many)]
     assert np.std(shown[0] - shown[1]) < 6e-4
-
-
-def test_relays_remember_and_wipe_out() -> None:
-    film = PreisachFilm.bell_shaped(5, memoryless=Memoryless(offset=-5.0), decades=2.0)
-    cold = film.initial_memory(20.0, "heated")
-    up, _ = film.simulate([20.0, 62.0], cold)
-    dip, _ = film.simulate([20.0, 62.0, 57.0, 62.0], cold)
-    assert up[-1] == dip[-1]  # a minor loop closes: return-point memory
-    down, _ = film.simulate([20.0, 95.0, 62.0], cold)
-    assert down[-1] > up[-1] + 0.1  # the branch back lies above: metallic relays stay
-    np.testing.assert_allclose(film.simulate([20.0, 95.0], cold)[0], [-5.0, -3.0])

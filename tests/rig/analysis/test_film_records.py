@@ -3,7 +3,6 @@ temperatures a model is a guess."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +12,9 @@ from compensator.hysteresis.film import IDENTITY, FilmModel, Memoryless
 from rig.analysis.film_records import earlier_film_records
 from rig.config.model_file import Model, read_model, write_model
 from rig.records.record_file import write_columns
+from tests.peltier import Peltier
 from tests.rig.small import MODEL
 
-Peltier = Callable[..., tuple[int, str, str]]
 SEEN = "film_seen_degC = [45.0, 80.0]\n"
 LINE = "film_seen_degC: 2 temperatures lie beyond 45.0 to 80.0 degC, where the film was measured; the furthest is 9"
 FILM = FilmModel(np.array([1.0]), np.array([0.1]), IDENTITY, IDENTITY, Memoryless("none"), "classical_pi")
@@ -98,6 +97,5 @@ def test_identify_writes_what_it_has_seen(tmp_path: Path, peltier: Peltier) -> N
     ohm = 10.0 ** -film.simulate(up, film.initial_memory(40.0, "heated"))[0]
     rows = "".join(f"{k},{degC!r},{r!r}\n" for k, (degC, r) in enumerate(zip(up.tolist(), ohm.tolist(), strict=True)))
     (tmp_path / "record.csv").write_text("time_s,temperature_degC,resistance_ohm\n" + rows)
-    status, _, err = peltier("identify", tmp_path / "record.csv", "--out", tmp_path / "model.toml")
-    assert status == 0, err
+    peltier.succeeds("identify", tmp_path / "record.csv", "--out", tmp_path / "model.toml")
     assert read_model(tmp_path / "model.toml").film_seen_degC == (40.0, 84.0)

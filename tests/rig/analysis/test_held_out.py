@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,9 @@ from rig.analysis.diagnosed import require_judging
 from rig.records.record import Record
 from rig.records.record_file import write_columns
 from sim.world.plant import World, simulate_record
+from tests.peltier import Peltier
 from tests.sim.small_chain import FILM, PLATE, on
 
-Peltier = Callable[..., tuple[int, str, str]]
 TIME = np.arange(0.0, 600.0, 0.5)
 NOISE_K = 0.01
 WARMER_K = 4.0  # the room on the other day
@@ -42,8 +41,7 @@ def test_the_error_said_is_the_error_got(tmp_path: Path, peltier: Peltier) -> No
         record(tmp_path / "cold.csv", 3, 19.0, 45.0, 23.0),
     )
     words = ("--holdout", warm, "--holdout", cold, "--out", tmp_path / "model.toml", "--json", "-")
-    status, out, err = peltier("diagnose", tmp_path / "one.csv", *words)
-    assert status == 0, err
+    out = peltier.succeeds("diagnose", tmp_path / "one.csv", *words)
     said = json.loads(out)
     assert [e["name"] for e in said["effects"]] == ["sensor_lag"]
     channel = said["channels"]["temperature_K"]
@@ -52,8 +50,7 @@ def test_the_error_said_is_the_error_got(tmp_path: Path, peltier: Peltier) -> No
     assert 'drive = "current"' in (tmp_path / "model.toml").read_text()
 
     def predicted(path: Path, *words: str) -> dict[str, Any]:
-        status, out, err = peltier("predict", tmp_path / "model.toml", path, *words, "--json", "-")
-        assert status == 0, err
+        out = peltier.succeeds("predict", tmp_path / "model.toml", path, *words, "--json", "-")
         return dict(json.loads(out))
 
     fitted = [predicted(path, "--initial", "fitted") for path in (warm, cold)]
@@ -127,7 +124,6 @@ def test_a_record_is_given_once(tmp_path: Path, peltier: Peltier) -> None:
         ((one, *held, *held), f"{good}: is given twice; expected"),
         ((one, *held, "--holdout", copy), f"{copy}: holds the same as {one}; expected"),
     ):
-        status, _, err = peltier("diagnose", *words)
-        assert status == 2
+        err = peltier.fails("diagnose", *words)
         (line,) = err.splitlines()
         assert line.startswith(said)

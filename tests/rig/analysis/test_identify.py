@@ -13,9 +13,9 @@ from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.thermal.plate import PlateModel
 from rig.config.model_file import Model, read_model, write_model
 from rig.records.record_file import read_record, write_columns
+from tests.peltier import Peltier
 from tests.rig.small import write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 FILM = FilmModel(
     np.array([0.05, 0.15, 0.25, 0.4, 0.55]),
     np.array([0.2, 0.3, 0.3, 0.25, 0.2]),
@@ -60,8 +60,7 @@ def test_either_sense_and_other_outputs(
     write_columns(record, columns(output, name))
     words = [] if name == "resistance_ohm" else ["--output", name]
     quick = ["--kind", "extended_generalized_pi", "--form", "tanh", "--operators", 8]
-    status, out, _ = peltier("identify", record, *words, *quick, "--out", model, "--json", tmp_path / "i.json")
-    assert status == 0
+    out = peltier.succeeds("identify", record, *words, *quick, "--out", model, "--json", tmp_path / "i.json")
     assert "transition temperature on heating" in out
     film = read_model(model, needs=("film",)).film
     assert film is not None
@@ -69,8 +68,7 @@ def test_either_sense_and_other_outputs(
     told = json.loads((tmp_path / "i.json").read_text())["transition"][0]
     assert told["heating_degC"]["value"] == pytest.approx(61.9, abs=0.5)
     assert told["hysteresis_K"]["ci95"][0] < told["hysteresis_K"]["value"] < told["hysteresis_K"]["ci95"][1]
-    status, _, _ = peltier("predict", model, record, "--out", tmp_path / "p.csv", "--json", tmp_path / "p.json")
-    assert status == 0
+    peltier.succeeds("predict", model, record, "--out", tmp_path / "p.csv", "--json", tmp_path / "p.json")
     unit = {"transmission_percent": "percent", "voltage_V": "V"}.get(name, "dec")
     scale = 10.0 if unit == "percent" else 1.0
     assert json.loads((tmp_path / "p.json").read_text())[f"rmse_{unit}"] < 0.006 * scale
@@ -79,8 +77,7 @@ def test_either_sense_and_other_outputs(
     assert np.corrcoef(predicted, shown[name])[0, 1] > 0.999
     wanted = target or f"target_{name}"
     write_columns(tmp_path / "t.csv", {"time_s": np.array([0.0, 9.0]), wanted: np.array([value, value])})
-    status, _, _ = peltier("invert", model, tmp_path / "t.csv", "--limits", "20,95", "--out", tmp_path / "v.csv")
-    assert status == 0
+    peltier.succeeds("invert", model, tmp_path / "t.csv", "--limits", "20,95", "--out", tmp_path / "v.csv")
     inverted = read_record(tmp_path / "v.csv", needs=("temperature_degC",))
     assert inverted["reachable"].tolist() == [1.0, 1.0]
     assert inverted[name] == pytest.approx(value, rel=1e-6)
@@ -89,12 +86,10 @@ def test_either_sense_and_other_outputs(
 def test_reports_of_identify_and_predict(peltier: Peltier, tmp_path: Path) -> None:
     write_columns(tmp_path / "r.csv", columns(lambda u: 10.0 ** (8.0 - u), "resistance_ohm"))
     quick = ["--kind", "extended_generalized_pi", "--form", "tanh", "--operators", 8]
-    status, out, _ = peltier("identify", tmp_path / "r.csv", *quick, "--report", tmp_path / "i")
-    assert status == 0
+    out = peltier.succeeds("identify", tmp_path / "r.csv", *quick, "--report", tmp_path / "i")
     assert str(tmp_path / "i" / "report.html") in out
     assert "FORC" not in out  # a loop for which nobody meant a diagram
-    status, _, _ = peltier("predict", tmp_path / "i" / "model.toml", tmp_path / "r.csv", "--report", tmp_path / "p")
-    assert status == 0
+    peltier.succeeds("predict", tmp_path / "i" / "model.toml", tmp_path / "r.csv", "--report", tmp_path / "p")
     for folder, figures in (("i", ("loop", "residual", "derivative")), ("p", ("over_time", "residual"))):
         page = (tmp_path / folder / "report.html").read_text()
         assert not {"http://", "https://"} & {word[:8] for word in page.split('src="')[1:]}
@@ -115,15 +110,13 @@ def test_a_film_that_rises_is_calibrated_and_tracked(peltier: Peltier, tmp_path:
     words = '["start 3 kohm", "hold 5 s", "ramp to 8 kohm in 20 s", "hold 10 s"]'
     path.write_text("\n".join(f"target = {words}" if line.startswith("target") else line for line in text.splitlines()))
     write_model(tmp_path / "model.toml", Model(FILM, PlateModel(1.6e-3, 0.06, 0.018, 25.0)))
-    status, out, _ = peltier("calibrate", path, "--out", tmp_path / "cal", "--json", tmp_path / "c.json")
-    assert status == 0
+    out = peltier.succeeds("calibrate", path, "--out", tmp_path / "cal", "--json", tmp_path / "c.json")
     assert "transition temperature on cooling" in out
     result = json.loads((tmp_path / "c.json").read_text())
     assert result["check_rmse_dec"] < 0.004
     assert result["transition"][0]["heating_degC"]["value"] == pytest.approx(62.0, abs=0.6)
     assert "The transition" in (tmp_path / "cal" / "report.html").read_text()
-    status, _, _ = peltier("run", path, "--out", tmp_path / "run", "--json", tmp_path / "r.json")
-    assert status == 0
+    peltier.succeeds("run", path, "--out", tmp_path / "run", "--json", tmp_path / "r.json")
     assert json.loads((tmp_path / "r.json").read_text())["scores"]["full"]["rms_dec"] < 0.02
 
 
@@ -131,9 +124,7 @@ def test_a_film_that_rises_is_calibrated_and_tracked(peltier: Peltier, tmp_path:
     ("file", "cooling", "energy"),
     [("vo2_film_major_loop.tsv", (67.0, 70.0), 0.26), ("vo2_film_small_gap_raw.tsv", (62.0, 65.0), 0.26)],
 )
-def test_measured_films_as_the_literature_has_them(
-    measured: Path, file: str, cooling: tuple[float, float], energy: float
-) -> None:
+def test_measured_films_as_published(measured: Path, file: str, cooling: tuple[float, float], energy: float) -> None:
     """VO2 switches between 60 and 77 degC with a few kelvin of hysteresis, and its insulator has 0.1 to 0.5 eV."""
     from rig.analysis.transition import numbers_of_record
 

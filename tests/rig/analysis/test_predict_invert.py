@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +12,9 @@ import pytest
 
 from rig.records.record_file import write_columns
 from rig.web import app
+from tests.peltier import Peltier
 from tests.rig.small import MODEL
 
-Peltier = Callable[..., tuple[int, str, str]]
 RADII, WEIGHTS = [0.05, 0.2, 0.5, 0.8], [0.4, 0.3, 0.2, 0.1]
 
 
@@ -59,10 +58,9 @@ def test_predict_follows_the_equations(peltier: Peltier, tmp_path: Path) -> None
     lines[3] = "3,66.5,,note3"
     record = tmp_path / "record.csv"
     record.write_text("time_s,temperature_degC,resistance_ohm,remark\n" + "\n".join(lines) + "\n")
-    status, _, _ = peltier(
+    peltier.succeeds(
         "predict", tmp_path / "model.toml", record, "--out", tmp_path / "out.csv", "--json", tmp_path / "out.json"
     )
-    assert status == 0
     written = rows(tmp_path / "out.csv")
     assert [row["remark"] for row in written] == [f"note{k}" for k in range(9)]
     assert written[3]["resistance_ohm"] == ""
@@ -84,14 +82,12 @@ def test_several_records_are_predicted_each_by_itself(peltier: Peltier, tmp_path
         assert peltier("predict", tmp_path / "model.toml", record, "--json", tmp_path / "one.json")[0] == 0
         alone.append(json.loads((tmp_path / "one.json").read_text()))
     words = ("--json", tmp_path / "both.json", "--report", tmp_path / "report")
-    status, out, _ = peltier("predict", tmp_path / "model.toml", *records, *words)
-    assert status == 0
+    out = peltier.succeeds("predict", tmp_path / "model.toml", *records, *words)
     assert json.loads((tmp_path / "both.json").read_text()) == alone
     assert alone[0]["rmse_dec"] != alone[1]["rmse_dec"]
     assert all(f"{record}:" in out for record in records)
     assert all((tmp_path / "report" / name / "report.html").is_file() for name in ("one", "two"))
-    status, _, err = peltier("predict", tmp_path / "model.toml", *records, "--out", tmp_path / "out.csv")
-    assert status == 2
+    err = peltier.fails("predict", tmp_path / "model.toml", *records, "--out", tmp_path / "out.csv")
     assert "--out" in err
     assert "expected a single RECORD" in err
 
@@ -102,10 +98,9 @@ def test_invert_gives_temperatures_that_give_the_targets(peltier: Peltier, tmp_p
     (tmp_path / "target.csv").write_text(
         "time_s,target_ohm,label\n" + "".join(f"{k},{r!r},x{k}\n" for k, r in enumerate(targets))
     )
-    status, _, _ = peltier(
+    peltier.succeeds(
         "invert", tmp_path / "model.toml", tmp_path / "target.csv", "--out", tmp_path / "out.csv", "--limits", "0,120"
     )
-    assert status == 0
     written = rows(tmp_path / "out.csv")
     assert [row["label"] for row in written] == [f"x{k}" for k in range(7)]
     first = float(written[0]["temperature_degC"])
@@ -150,24 +145,6 @@ def test_no_first_target_yet(peltier: Peltier, tmp_path: Path) -> None:
     assert written[1]["reachable"] == "1"
 
 
-def test_plate_is_simulated_from_the_current(peltier: Peltier, tmp_path: Path) -> None:
-    (tmp_path / "model.toml").write_text(MODEL)
-    times, currents = np.arange(0.0, 60.0, 0.5), np.where(np.arange(120) % 40 < 20, 2.0, -1.0)
-    temperature, temperatures = 30.0, []
-    for current in currents:
-        temperatures.append(temperature)
-        for _ in range(500):  # a fine Euler integration of the heat balance
-            rate = 1.6e-3 * current * (temperature + 273.15) + 0.03 * current**2 - 0.018 * (temperature - 25.0)
-            temperature += rate * 1e-3
-    body = "".join(f"{t},{v!r},{i}\n" for t, v, i in zip(times, map(float, temperatures), currents, strict=True))
-    (tmp_path / "record.csv").write_text("time_s,temperature_degC,current_A\n" + body)
-    status, _, _ = peltier("predict", tmp_path / "model.toml", tmp_path / "record.csv", "--json", tmp_path / "out.json")
-    result = json.loads((tmp_path / "out.json").read_text())
-    assert status == 0
-    assert result["rmse_K"] < 0.01
-    assert "rmse_dec" not in result
-
-
 MIXING = "[film.mixing]\nexponent = -0.7\nlow_dec = -5.5\nhigh_dec = -2.5\n"
 
 
@@ -188,13 +165,11 @@ def test_a_film_that_mixes_otherwise_is_predicted_and_inverted(peltier: Peltier,
     lines = [f"{k},{v!r},{r!r}" for k, (v, r) in enumerate(zip(temperatures, expected, strict=True))]
     (tmp_path / "record.csv").write_text("time_s,temperature_degC,resistance_ohm\n" + "\n".join(lines) + "\n")
     words = ("--drive", "temperature", "--json", tmp_path / "predicted.json", "--out", tmp_path / "predicted.csv")
-    status, _, err = peltier("predict", model, tmp_path / "record.csv", *words)
-    assert status == 0, err
+    peltier.succeeds("predict", model, tmp_path / "record.csv", *words)
     assert json.loads((tmp_path / "predicted.json").read_text())["rmse_dec"] < 1e-9
     wanted = "".join(f"{k},{r!r}\n" for k, r in enumerate([*expected[1:5], 1e-2]))
     (tmp_path / "target.csv").write_text("time_s,target_ohm\n" + wanted)
-    status, _, err = peltier("invert", model, tmp_path / "target.csv", "--out", tmp_path / "inverted.csv")
-    assert status == 0, err
+    peltier.succeeds("invert", model, tmp_path / "target.csv", "--out", tmp_path / "inverted.csv")
     *found, beyond = rows(tmp_path / "inverted.csv")
     assert [float(row["resistance_ohm"]) for row in found] == pytest.approx(expected[1:5], rel=3e-9)
     assert beyond["reachable"] == "0"
@@ -233,9 +208,7 @@ def test_a_prediction_that_nothing_is_compared_with(peltier: Peltier, tmp_path: 
     (tmp_path / "model.toml").write_text(MODEL)
     (tmp_path / "r.csv").write_text("time_s,temperature_degC\n" + "".join(f"{k},{30 + 0.5 * k}\n" for k in range(60)))
     words = ("predict", tmp_path / "model.toml", tmp_path / "r.csv")
-    status, _, err = peltier(*words)
-    assert status == 2
-    assert "r.csv: nothing to compare; expected readings of the film" in err
+    assert "r.csv: nothing to compare; expected readings of the film" in peltier.fails(*words)
     assert peltier(*words, "--out", tmp_path / "p.csv")[0] == 0
     assert "predicted_ohm" in (tmp_path / "p.csv").read_text()
 
@@ -277,6 +250,5 @@ def test_the_rows_that_are_fitted_are_said(
     columns = {"time_s": time, "temperature_degC": 60.0 + 10.0 * np.sin(time / 30.0), "resistance_ohm": 1e4 + time}
     write_columns(tmp_path / "record.csv", {name: values[there] for name, values in columns.items()})
     words = ("--initial", "fitted", *options)
-    status, out, err = peltier("predict", tmp_path / "model.toml", tmp_path / "record.csv", *words)
-    assert status == 0, err
+    out = peltier.succeeds("predict", tmp_path / "model.toml", tmp_path / "record.csv", *words)
     assert said in out

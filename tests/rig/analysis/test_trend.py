@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rig.analysis.trend import latest_change, series_of
+from tests.peltier import Peltier
 
-Peltier = Callable[..., tuple[int, str, str]]
 NIGHTS = 60
 
 
@@ -96,8 +95,7 @@ def test_a_folder_of_runs_is_diagnosed_once(tmp_path: Path, peltier: Peltier) ->
         _run_folder(tmp_path / "runs" / f"night{day}", record, f"2026-11-0{day}T20:00:00+00:00", "7")
     out = tmp_path / "trend"
     words = ("trend", tmp_path / "runs", "--out", out, "--workers", 1, "--json", "-")
-    status, text, err = peltier(*words)
-    assert status == 0, err
+    text = peltier.succeeds(*words)
     assert [run["run"] for run in json.loads(text)["runs"]] == ["night1", "night2"]
     assert len((out / "cases.jsonl").read_text().splitlines()) == 2
     assert "night2" in (out / "report.html").read_text()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import signal
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,10 +12,10 @@ import pytest
 from rig.batch import Journal
 from rig.core.faults import Faults
 from rig.core.outcome import Stopped
+from tests.peltier import Peltier
 from tests.rig.batch.test_many_records import plate_record
 from tests.rig.small import write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("undrawn", "computed_here")
 
 
@@ -29,15 +28,11 @@ def test_a_sweep_whose_target_is_another_is_no_sweep_of_this_folder(tmp_path: Pa
     target, out = tmp_path / "target.csv", tmp_path / "out"
     target.write_text("time_s,current_A\n0,0.5\n5,0.5\n")
     words = ("sweep", path, "--out", out, "--workers", 1)
-    status, _, err = peltier(*words)
-    assert status == 0, err
+    peltier.succeeds(*words)
     rows = _table(out / "sweep.csv")[0]["rows"]
     target.write_text("time_s,current_A\n0,0.5\n9,0.5\n")
-    status, _, err = peltier(*words)
-    assert status == 2
-    assert "of files with other contents" in err
-    status, _, err = peltier(*words[:3], tmp_path / "new", *words[4:])
-    assert status == 0, err
+    assert "of files with other contents" in peltier.fails(*words)
+    peltier.succeeds(*words[:3], tmp_path / "new", *words[4:])
     assert int(_table(tmp_path / "new" / "sweep.csv")[0]["rows"]) > int(rows)
 
 
@@ -49,15 +44,12 @@ def test_a_sweep_of_records_goes_on_without_one_that_is_refused(tmp_path: Path, 
     path = tmp_path / "sweep.toml"
     path.write_text('[sweep]\nwhat = "identification"\nrecords = ["in/*.csv"]\n')
     words = ("sweep", path, "--out", tmp_path / "out", "--workers", 1)
-    status, _, err = peltier(*words)
-    assert status == 2
-    assert f"{tmp_path / 'in' / 'bad.csv'}: line 1: " in err
+    assert f"{tmp_path / 'in' / 'bad.csv'}: line 1: " in peltier.fails(*words)
     before = _table(tmp_path / "out" / "sweep.csv")
     assert [row["status"] for row in before] == ["done", "done", "failed"]
     plate_record(tmp_path / "in" / "1.csv", 1, 0.6)
     plate_record(tmp_path / "in" / "bad.csv", 3, 0.3)
-    status, _, err = peltier(*words)
-    assert status == 0, err
+    peltier.succeeds(*words)
     after = _table(tmp_path / "out" / "sweep.csv")
     assert [row["status"] for row in after] == ["done"] * 3
     assert after[1] == {name: cell for name, cell in before[1].items() if name != "text"}  # the column is gone
@@ -70,15 +62,13 @@ def test_records_that_come_to_others_take_nothing_from_them(tmp_path: Path, pelt
     """Each keeps its folder, whatever stands before it now; one with other contents gets a new one."""
     first = [plate_record(tmp_path / f"b{k} #1 50%.csv", k, 0.3) for k in (1, 2)]
     out = tmp_path / "out"
-    status, text, err = peltier("identify", *first, "--each", "--report", out, "--workers", 1)
-    assert status == 0, err
+    peltier.succeeds("identify", *first, "--each", "--report", out, "--workers", 1)
     assert 'href="b1%20%231%2050%25/report.html"' in (out / "report.html").read_text()
     kept = {path: path.read_bytes() for path in out.glob("b*/*") if path.is_file()}
     lines = (out / "cases.jsonl").read_text()
 
     new = plate_record(tmp_path / "night" / "b1 #1 50%.csv", 3, 0.4)
-    status, text, err = peltier("identify", new, *first, "--each", "--report", out, "--workers", 1)
-    assert status == 0, err
+    text = peltier.succeeds("identify", new, *first, "--each", "--report", out, "--workers", 1)
     assert (out / "cases.jsonl").read_text().startswith(lines)
     assert len((out / "cases.jsonl").read_text().splitlines()) == 3
     assert [row["folder"] for row in _table(out / "identifications.csv")] == ["b1 #1 50%_2", "b1 #1 50%", "b2 #1 50%"]
@@ -86,8 +76,7 @@ def test_records_that_come_to_others_take_nothing_from_them(tmp_path: Path, pelt
     assert "not in the table" not in text
 
     plate_record(first[0], 4, 0.5)
-    status, text, err = peltier("identify", first[0], "--each", "--report", out, "--workers", 1)
-    assert status == 0, err
+    text = peltier.succeeds("identify", first[0], "--each", "--report", out, "--workers", 1)
     assert [row["folder"] for row in _table(out / "identifications.csv")] == ["b1 #1 50%_3"]
     assert "3 results of records that are none of these" in text
     assert kept == {path: path.read_bytes() for path in kept}
@@ -107,19 +96,6 @@ def test_an_effect_of_ones_own_that_was_changed_is_another_task(tmp_path: Path) 
     assert digest_of(task) != before
 
 
-def test_a_journal_of_another_task_is_refused(tmp_path: Path) -> None:
-    case = {"number": 0, "of": "a", "holds": "x"}
-    journal = Journal(tmp_path, "t", {0: case}, same=("of", "holds"))
-    journal.add(0, {"status": "done"}, 1.0)
-    journal.close()
-    moved = Journal(tmp_path, "t", {0: {**case, "holds": "y"}, 1: {**case, "number": 1}}, same=("of", "holds"))
-    assert moved.missing() == [0]
-    assert moved.others == 0
-    moved.close()
-    with pytest.raises(Faults, match="is of other cases"):
-        Journal(tmp_path, "t", {0: {**case, "of": "b"}}, same=("of", "holds"))
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_is_told_with_its_file_and_what_is_kept(tmp_path: Path, peltier: Peltier) -> None:
     files, out = [plate_record(tmp_path / f"{k}.csv", k, 0.3) for k in (1, 2)], tmp_path / "out"
@@ -127,13 +103,11 @@ def test_a_full_disk_is_told_with_its_file_and_what_is_kept(tmp_path: Path, pelt
     page.parent.mkdir(parents=True)
     page.symlink_to("/dev/full")
     words = ("identify", *files, "--each", "--report", out, "--workers", 1)
-    status, _, err = peltier(*words)
-    assert status == 1
+    err = peltier.fails(*words, status=1)
     assert f"No space left on device: '{page}'" in err
     assert f"{out}: the records that were done are kept" in err
     page.unlink()
-    status, _, err = peltier(*words)
-    assert status == 0, err
+    peltier.succeeds(*words)
     assert [row["status"] for row in _table(out / "identifications.csv")] == ["done", "done"]
 
 
@@ -159,8 +133,7 @@ def test_the_table_says_what_was_read(tmp_path: Path, peltier: Peltier) -> None:
     (tmp_path / "b.csv").write_text("\n".join(["t / min;T / K;I (A)", *kelvin]) + "\n")
     (tmp_path / "c.csv").write_text("t,T,R\n0,1,2\n1,2,3\n")
     files, out = [tmp_path / f"{name}.csv" for name in "abc"], tmp_path / "out"
-    status, _, err = peltier("identify", *files, "--each", "--report", out, "--workers", 1)
-    assert status == 2, err
+    peltier.fails("identify", *files, "--each", "--report", out, "--workers", 1)
     first, second, third = _table(out / "identifications.csv")
     assert (first["rows"], first["duration_s"], first["read"]) == ("240", "239.0", "")
     assert float(first["temperature_degC.highest"]) == max(float(degC) for _, degC, _ in rows)
@@ -183,6 +156,4 @@ def test_who_stops_it_is_told_what_is_kept(
     monkeypatch.setattr("rig.report.batch.each_record", stopped)
     files = [plate_record(tmp_path / f"{k}.csv", k, 0.3) for k in (1, 2)]
     more = ("--report", tmp_path / "out") if words else ()
-    status, _, err = peltier("identify", *files, "--each", *more)
-    assert status == 130
-    assert said in err
+    assert said in peltier.fails("identify", *files, "--each", *more, status=130)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +12,8 @@ import pytest
 from rig.batch import EngineChoice
 from rig.records.record import Record
 from rig.report.batch import Task, each_record
+from tests.peltier import Peltier
 from tests.rig.batch.work import refused
-
-Peltier = Callable[..., tuple[int, str, str]]
 
 
 def plate_record(path: Path, seed: int, gain: float) -> Path:
@@ -41,9 +39,7 @@ def records(tmp_path: Path) -> list[Path]:
     ("verb", "document"),
     [("identify", "identification.json"), ("diagnose", "diagnosis.json")],
 )
-def test_each_is_as_if_it_were_alone(
-    verb: str, document: str, records: list[Path], tmp_path: Path, peltier: Peltier
-) -> None:
+def test_each_is_as_if_alone(verb: str, document: str, records: list[Path], tmp_path: Path, peltier: Peltier) -> None:
     more = ("--each",) if verb == "identify" else ()
     broken = tmp_path / "short.csv"
     broken.write_text("time_s,temperature_degC,current_A\n0,25,1\n1,26,1\n2,27,1\n")
@@ -55,8 +51,7 @@ def test_each_is_as_if_it_were_alone(
     together = json.loads(text)
     assert len(together) == 2
     for record, one in zip(records, together, strict=True):
-        status, text, err = peltier(verb, record, "--json", "-")
-        assert status == 0, err
+        text = peltier.succeeds(verb, record, "--json", "-")
         alone = json.loads(text)
         assert {k: v for k, v in one.items() if k != "model"} == {k: v for k, v in alone.items() if k != "model"}
     for name in ("record", "record_2"):
@@ -76,9 +71,7 @@ def test_each_is_as_if_it_were_alone(
     assert json.loads(text) == together
     assert len((out / "cases.jsonl").read_text().splitlines()) == 3
     assert table.read_bytes() == before
-    status, _, err = peltier(verb, *records, broken, *more, "--report", out, "--plate", "heater")
-    assert status == 2
-    assert "is of other" in err
+    assert "is of other" in peltier.fails(verb, *records, broken, *more, "--report", out, "--plate", "heater")
 
 
 def test_the_others_are_written_where_one_is_refused(records: list[Path], tmp_path: Path, peltier: Peltier) -> None:
@@ -97,12 +90,10 @@ def test_the_others_are_written_where_one_is_refused(records: list[Path], tmp_pa
 
     before = (out / "cases.jsonl").read_text()
     bad.write_text(plate_record(tmp_path / "night3" / "record.csv", 3, 0.5).read_text())
-    status, text, err = peltier(*words)
-    assert status == 0, err
+    peltier.succeeds(*words)
     assert (out / "cases.jsonl").read_text().startswith(before)
     assert len((out / "cases.jsonl").read_text().splitlines()) == 2
-    status, _, err = peltier("identify", tmp_path / "none.csv", tmp_path / "nor.csv", "--each")
-    assert status == 2
+    err = peltier.fails("identify", tmp_path / "none.csv", tmp_path / "nor.csv", "--each")
     assert err.splitlines() == [f"{tmp_path / name}: no such file" for name in ("none.csv", "nor.csv")]
 
 
@@ -124,8 +115,7 @@ def test_a_fault_is_told_once_where_no_record_is_left(tmp_path: Path, peltier: P
     flat = tmp_path / "flat.csv"
     rows = "".join(f"{second},25,1000\n" for second in range(100))
     flat.write_text(f"time_s,temperature_degC,resistance_ohm\n{rows}")
-    status, _, err = peltier("identify", flat, "--each", "--workers", 1)
-    assert status == 2
+    err = peltier.fails("identify", flat, "--each", "--workers", 1)
     assert err.count("temperature_degC: constant at 25") == 1
 
 
@@ -148,11 +138,9 @@ def test_one_more_record_does_not_take_the_table_away(
 ) -> None:
     """A batch's folder stays one when a single record is given to it."""
     out = tmp_path / "out"
-    status, _, err = peltier("identify", *records, "--each", "--report", out, "--workers", 1)
-    assert status == 0, err
+    peltier.succeeds("identify", *records, "--each", "--report", out, "--workers", 1)
     page = (out / "report.html").read_text()
-    status, _, err = peltier("identify", records[0], "--report", out)
-    assert status == 2
+    err = peltier.fails("identify", records[0], "--report", out)
     assert "has the table of many records; expected --each, or another DIR" in err
     for words in ((*records, "--joint"), (records[0], "--out", tmp_path / "model.toml")):
         status, _, err = peltier("diagnose", *words, "--report", out)

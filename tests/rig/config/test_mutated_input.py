@@ -191,6 +191,7 @@ def test_an_output_that_cannot_be_written_is_told_of_first(good: Path, capsys: p
         assert main(["tune", "config.toml", "--json", target]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (good / "nowhere").exists()
+    assert (good / "taken" / "file").read_text() == ""
 
 
 @pytest.mark.parametrize(
@@ -212,9 +213,7 @@ def test_an_output_that_cannot_be_written_is_told_of_first(good: Path, capsys: p
         ('"hold 1 s"', '"sine 0.1 dec period 1e-9 s for 1e3 s"', "experiment.target[1]"),
     ],
 )
-def test_numbers_that_nobody_means(
-    good: Path, old: str, new: str, place: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_absurd_numbers(good: Path, old: str, new: str, place: str, capsys: pytest.CaptureFixture[str]) -> None:
     text = (good / "config.toml").read_text()
     assert old in text
     (good / "odd.toml").write_text(text.replace(old, new, 1))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 
 from rig.config.target import parse_profile, read_target
 from rig.core.faults import Faults
+from tests.peltier import Peltier
 from tests.rig.small import MODEL
 
 WHERE = "rig.toml: experiment.target"
@@ -60,7 +60,11 @@ def test_every_sentence_that_cannot_be_read_is_told_by_itself() -> None:
         ([], "expected a first sentence"),
         (["start 5 mohm", "hold 1 s"], "milliohms or megohms"),
         (["start 0 ohm", "hold 1 s"], "a resistance is > 0"),
-        (["start 5", "hold 20"], "expected a time > 0 in s, min, h"),
+        (["start 5", "hold 20"], "20 without a unit: expected a time > 0 in s, min, h, as in '20 s'"),
+        (["start 5", "ramp 5"], "expected 'ramp to 80 kohm at 0.1 dec/s' or 'ramp to 80 kohm in 30 s'"),
+        (["strat 5", "hold 1 s"], "expected 'start 80 kohm'"),
+        (["start 5", "sine 3"], "expected 'sine 0.4 dec period 40 s for 80 s'"),
+        (["start 5", "wiggle"], "expected 'start 80 kohm' or 'hold 20 s' or 'ramp to"),
         (["start 5", "hold 1e308 s"], "at most 1e+08 s"),
         (["start 5", "ramp to 6 at 1e-300 dec/s"], "expected at most 1e+08 s"),
         (["start 1e999", "hold 1 s"], "finite number"),
@@ -109,12 +113,11 @@ def test_target_files_that_are_refused_tell_no_flag_that_is_not_there(tmp_path: 
     assert "--" not in str(found.value)
 
 
-def test_invert_reads_targets_in_other_units(peltier: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+def test_invert_reads_targets_in_other_units(peltier: Peltier, tmp_path: Path) -> None:
     (tmp_path / "model.toml").write_text(MODEL)
     for name, text in (("a", "time_s,target_ohm\n0,20000\n60,10000\n"), ("b", "time_min,R_set\n0,20\n1,10\n")):
         (tmp_path / f"{name}.csv").write_text(text)
-    status, _, _ = peltier("invert", tmp_path / "model.toml", tmp_path / "a.csv", "--out", tmp_path / "a.out")
-    assert status == 0
+    peltier.succeeds("invert", tmp_path / "model.toml", tmp_path / "a.csv", "--out", tmp_path / "a.out")
     status, _, err = peltier(
         "invert", tmp_path / "model.toml", tmp_path / "b.csv", "--column", "target_ohm=R_set@kohm",
         "--out", tmp_path / "b.out",

@@ -60,9 +60,7 @@ minor_loops = 2
         ),
     ],
 )
-def test_nothing_is_compiled_after_the_first_pulse(
-    root: Path, tmp_path: Path, changes: tuple[tuple[str, str], ...]
-) -> None:
+def test_no_loop_is_compiled_after_a_pulse(root: Path, tmp_path: Path, changes: tuple[tuple[str, str], ...]) -> None:
     """With an empty cache a calibration stood still for three minutes between its pulses and its profile."""
     path = write_bench(tmp_path, more=CALIBRATION)
     for before, after in changes:

@@ -12,7 +12,6 @@ from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import LawName
 from compensator.control.pid import design_temperature
 from compensator.control.reference_shaping import crossing_s, preview
-from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
 from rig.config.target import Target
@@ -21,14 +20,8 @@ from rig.control.law_units import chain_observer
 from rig.control.policies import Follow
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
+from tests.compensator.film_models import THIRTY_OPERATORS as FILM
 
-FILM = FilmModel(
-    np.arange(1, 31) / 30.0,
-    np.full(30, 0.05),
-    Envelope("tanh", 0.2, -11.6),
-    Envelope("tanh", 0.2, -11.2),
-    Memoryless("tanh", 0.4, 0.03, -1.6, -3.26),
-)
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
 PERIOD_S, AGE_S, ACTS_S, FIRST_DEGC, SECONDS = 0.1, 0.036, 0.017, 75.0, 60.0
 NOISE_K, NOISE_DEC, STALLS_S = 0.01, 0.002, (12.0, 30.0, 43.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,9 +13,9 @@ import rig.bench.assembly
 from rig.bench.assembly import emulated_instruments
 from rig.config.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
+from tests.peltier import Peltier
 from tests.rig.small import write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 SET_CURRENT = b"VSC351"  # parameter 50001
 
 
@@ -75,8 +74,7 @@ def test_the_meter_dies(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_p
         return [controller, (role, name, how(meter, 30.0, 1e9))]
 
     monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", dies)
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 10, err
+    err = peltier.fails("run", write_bench(tmp_path), "--out", tmp_path / "run", status=10)
     assert "no good reading of the ohmmeter" in err
     assert ("check its supply and its cable" in err) == (how is Deaf)  # one that speaks garbage has both
     assert "output off, confirmed" in err
@@ -87,8 +85,7 @@ def test_the_meter_dies(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_p
 
 def test_a_second_of_silence_ends_no_run(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
     deafened(monkeypatch, [20.0], 1.0)
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 0, err
+    peltier.succeeds("run", write_bench(tmp_path), "--out", tmp_path / "run")
     ticks = json.loads((tmp_path / "run" / "run.json").read_text())["stop"]["ticks"]
     lost = events(tmp_path / "run", "unacknowledged")
     assert 1 <= ticks["unacknowledged"] == len(lost) <= 2
@@ -100,23 +97,18 @@ def test_the_law_knows_what_is_on(monkeypatch: pytest.MonkeyPatch, peltier: Pelt
     """It took a command that had not arrived for what was on: 0.068 decades; 0.025 with that known, 0.020 in a calm."""
     deafened(monkeypatch, [57.0, 62.0, 68.0], 1.0)
     course = '["start 20 kohm", "hold 5 s", "ramp to 5 kohm at 0.1 dec/s", "ramp to 20 kohm at 0.1 dec/s", "hold 5 s"]'
-    status, _, err = peltier("run", write_bench(tmp_path, target=course), "--out", tmp_path / "run")
-    assert status == 0, err
+    peltier.succeeds("run", write_bench(tmp_path, target=course), "--out", tmp_path / "run")
     document = json.loads((tmp_path / "run" / "run.json").read_text())
     assert document["stop"]["ticks"]["unacknowledged"] == 3
     assert document["result"]["score"]["rms_dec"] < 0.04
-    status, out, _ = peltier("replay", tmp_path / "run", "--json", "-")
-    assert status == 0
+    out = peltier.succeeds("replay", tmp_path / "run", "--json", "-")
     assert json.loads(out)["different"] == 0
 
 
-def test_commands_that_nobody_takes_end_it_in_time(
-    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
-) -> None:
+def test_commands_that_nobody_takes_end_it(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
     """Readings go on, so that nothing else ends it: after 2 s."""
     deafened(monkeypatch, [20.0], 1e9, SET_CURRENT)
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 1
+    err = peltier.fails("run", write_bench(tmp_path), "--out", tmp_path / "run", status=1)
     assert "(controller, meerstetter): no answer to VSC351" in err
     assert "no command was acknowledged for 2." in err
     assert "expected one every 2 s" in err
@@ -125,26 +117,20 @@ def test_commands_that_nobody_takes_end_it_in_time(
     assert json.loads((tmp_path / "run.part" / "run.json").read_text())["stop"]["reason"] == "TimedOut"
 
 
-def test_silence_that_lasts_names_the_instrument(
-    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
-) -> None:
+def test_long_silence_names_the_instrument(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
     deafened(monkeypatch, [20.0], 4.0)
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 10
+    err = peltier.fails("run", write_bench(tmp_path), "--out", tmp_path / "run", status=10)
     assert "no good reading of the thermometer for 2." in err
     assert "(controller, meerstetter): no answer to ?VR03E8" in err
     assert not [line for line in events(tmp_path / "run.part", "no_reading") if line["text"].startswith("ohmmeter")]
 
 
-def test_a_controller_that_falls_silent_is_told_as_such(
-    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
-) -> None:
+def test_a_silent_controller_is_told_as_such(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
     """Where its own dead man acts before a reading is too old, it is the commands that end the run."""
     deafened(monkeypatch, [20.0], 1e9)
     path = write_bench(tmp_path)
     path.write_text(path.read_text().replace("[bench.meter]", "dead_man_s = 1.0\n[bench.meter]"))
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 11
+    err = peltier.fails("run", path, "--out", tmp_path / "run", status=11)
     said = re.search(r"expected one every 1 s; nothing has come from it for (\S+) s: check its supply", err)
     assert said is not None
     assert 1.0 <= float(said[1]) < 2.0  # and the exchange that was under way
@@ -162,7 +148,6 @@ def test_over_a_pseudo_terminal(tmp_path: Path, peltier: Peltier) -> None:
         path = write_bench(tmp_path, time="real", **terminals.paths)
         bench, simulation = path.read_text().split("[experiment]")[0], path.read_text().split("[simulation]")[1]
         path.write_text(f"{bench}[experiment]\n{current}period_s = 0.1\n[simulation]{simulation}")
-        status, _, err = peltier("run", path, "--out", tmp_path / "run")
-        assert status == 0, err
+        peltier.succeeds("run", path, "--out", tmp_path / "run")
         lost = events(tmp_path / "run", "unacknowledged")
         assert f"{terminals.paths['controller']} (controller, meerstetter): no answer to VSC351" in json.dumps(lost)

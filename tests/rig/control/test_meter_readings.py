@@ -1,14 +1,15 @@
-"""The meter is asked before a tick: the reading is there, as late as can be; as many integrations as a period has."""
+"""The meter is asked before a tick: the reading is there, as late as can be, and the test current of it is recorded."""
 
 from __future__ import annotations
 
+import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rig.__main__ import main
 from rig.control.meter_readings import LONGEST_S, ROOM, MeterReadings
 from rig.core.clock import VirtualClock
 from rig.core.errors import InstrumentError, Refused, TimedOut
@@ -16,9 +17,8 @@ from rig.core.faults import Faults
 from rig.core.reading import Reading
 from rig.drivers.meter import Averaging
 from rig.records.record_file import read_record
+from tests.peltier import Peltier
 from tests.rig.small import write_bench
-
-Peltier = Callable[..., tuple[int, str, str]]
 
 EACH_S, LINE_S = 0.024, 0.035
 
@@ -197,15 +197,43 @@ def test_between_two_phases_nobody_waits_longer_than_a_period() -> None:
 
 
 @pytest.mark.parametrize(("more", "said"), [("", "mean of"), ("average = 1\n", "one integration")])
-def test_a_run_says_what_its_readings_are_and_stamps_them(
-    peltier: Peltier, tmp_path: Path, more: str, said: str
-) -> None:
+def test_a_run_says_what_its_readings_are(peltier: Peltier, tmp_path: Path, more: str, said: str) -> None:
     path = write_bench(tmp_path)
     path.write_text(path.read_text().replace("[bench.meter]\n", "[bench.meter]\n" + more))
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 0, err
+    peltier.succeeds("run", path, "--out", tmp_path / "run")
     events = [json.loads(line) for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
     assert said in next(e["text"] for e in events if e["event"] == "meter")
     record = read_record(tmp_path / "run" / "record.csv")
     age_s = record["time_s"] - record["resistance_time_s"]
     assert 0.0 < np.median(age_s) < 0.1
+
+
+def test_a_row_has_the_current_that_its_reading_was_taken_with(peltier: Peltier, tmp_path: Path) -> None:
+    """Though the next one, in another range maybe, has been begun by then."""
+    peltier.succeeds("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    record = read_record(tmp_path / "run" / "record.csv")
+    row_s, read_s, on_s = (record[name] for name in ("time_s", "resistance_time_s", "meter_current_time_s"))
+    rows = np.flatnonzero(np.diff(record["meter_current_A"]) != 0.0) + 1
+    assert rows.size
+    assert np.all(on_s[rows] < read_s[rows])
+    assert np.all(on_s[rows] > row_s[rows - 1] - 0.1)  # since then, and not since the change before
+
+
+HEATED = '[[effects]]\nname = "self_heating"\ntheta_K_per_W = 1000.0\n'
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("heated", [False, True])
+def test_one_test_current_over_the_target(tmp_path: Path, heated: bool) -> None:
+    """The target passes 9.5 kohm, where the meter goes from 0.01 to 0.1 mA."""
+    path = write_bench(tmp_path)
+    if heated:
+        model = (tmp_path / "model.toml").read_text()
+        (tmp_path / "model.toml").write_text(model + HEATED)
+    assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 0
+    with (tmp_path / "out" / "record.csv").open(newline="") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    currents = {float(row["meter_current_A"]) for row in rows if row["phase"] == "track"}
+    assert currents == ({1e-5} if heated else {1e-5, 1e-4})
+    events = (tmp_path / "out" / "events.jsonl").read_text()
+    assert ("at most 1e-05 A" in events) == heated

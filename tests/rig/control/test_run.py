@@ -7,9 +7,7 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,9 +15,8 @@ import pytest
 from scipy.io import netcdf_file
 
 from rig.config.model_file import read_model
+from tests.peltier import Peltier, begun
 from tests.rig.small import write_bench
-
-Peltier = Callable[..., tuple[int, str, str]]
 
 
 def test_run_folder_is_whole(peltier: Peltier, tmp_path: Path) -> None:
@@ -64,8 +61,7 @@ def test_every_law_runs(peltier: Peltier, tmp_path: Path, law: str, rms_dec: flo
     path.write_text(
         path.read_text().replace('model = "model.toml"\ntarget', f'model = "model.toml"\nlaw = "{law}"\ntarget', 1)
     )
-    status, _, err = peltier("run", path, "--out", tmp_path / "run", "--json", tmp_path / "result.json")
-    assert (status, err) == (0, "")
+    peltier.quietly("run", path, "--out", tmp_path / "run", "--json", tmp_path / "result.json")
     assert json.loads((tmp_path / "result.json").read_text())["scores"][law]["rms_dec"] < rms_dec
 
 
@@ -79,8 +75,7 @@ def test_every_law_runs(peltier: Peltier, tmp_path: Path, law: str, rms_dec: flo
 )
 def test_profiles(peltier: Peltier, tmp_path: Path, kind: str, target: str, column: str) -> None:
     path = write_bench(tmp_path, target=target, kind=kind)
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert (status, err) == (0, "")
+    peltier.quietly("run", path, "--out", tmp_path / "run")
     with (tmp_path / "run" / "record.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert float(rows[-1][column]) != 0.0
@@ -91,24 +86,13 @@ def test_profiles(peltier: Peltier, tmp_path: Path, kind: str, target: str, colu
 def test_interlock_trips_with_the_output_off(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path, limits="[10, 63]", more="\n[calibration]\ntemperature_degC = [20, 62.9]\n")
     path.write_text(path.read_text().replace("first_degC = 60.0", "first_degC = 62.99"))
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    status = peltier("run", path, "--out", tmp_path / "run")[0]
     assert status in (2, 10)  # refused as out of range, or tripped: never quietly run
     hot = write_bench(tmp_path, limits="[10, 55]", target='["start 45 degC", "hold 10 s"]', kind="hold")
-    status, _, err = peltier("run", hot, "--out", tmp_path / "hot")
-    assert status == 10
-    assert "outside the limits" in err
+    assert "outside the limits" in peltier.fails("run", hot, "--out", tmp_path / "hot", status=10)
     document = json.loads((tmp_path / "hot.part" / "run.json").read_text())
     assert document["stop"]["reason"] == "temperature_limit"
     assert document["stop"]["output_off_confirmed"] is True
-
-
-def test_port_that_does_not_open(peltier: Peltier, tmp_path: Path) -> None:
-    path = write_bench(tmp_path, time="real", controller="/dev/ttyNOPE7", meter="/dev/ttyNOPE8")
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 1
-    assert "/dev/ttyNOPE7" in err
-    assert len(err.strip().splitlines()) == 1
-    assert not (tmp_path / "run.part").exists()
 
 
 @pytest.mark.parametrize(
@@ -120,14 +104,8 @@ def test_port_that_does_not_open(peltier: Peltier, tmp_path: Path) -> None:
 )
 def test_signals_end_with_the_output_off(tmp_path: Path, root: Path, number: signal.Signals) -> None:
     path = write_bench(tmp_path, time="real")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rig", "run", str(path), "--out", str(tmp_path / "run")],
-        cwd=root,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    process = begun("run", path, "--out", tmp_path / "run", cwd=root, stderr=subprocess.PIPE, env=environment)
     record = tmp_path / "run.part" / "record.csv"
     deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline and (not record.exists() or len(record.read_text().splitlines()) < 3):
@@ -159,8 +137,7 @@ def test_every_instrument_tracks(peltier: Peltier, tmp_path: Path, controller: s
     text = text.replace('driver = "keithley2000"', f'driver = "{meter}"')
     text = text.replace("period_s = 0.1", f'period_s = 0.5\nlaw = "{law}"')
     path.write_text(text)
-    status, _, err = peltier("run", path, "--out", tmp_path / "run", "--json", tmp_path / "result.json")
-    assert (status, err) == (0, "")
+    peltier.quietly("run", path, "--out", tmp_path / "run", "--json", tmp_path / "result.json")
     score = json.loads((tmp_path / "result.json").read_text())["scores"][law]
     assert score["rms_dec"] < (0.02 if law == "full" else 0.6)
     assert score["missing"] == 0
@@ -169,19 +146,7 @@ def test_every_instrument_tracks(peltier: Peltier, tmp_path: Path, controller: s
 def test_a_controller_without_currents_says_so(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path)
     path.write_text(path.read_text().replace('driver = "meerstetter"', 'driver = "te_technology"'))
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 2
-    assert "takes no current" in err
-
-
-def test_an_option_that_the_driver_does_not_have(peltier: Peltier, tmp_path: Path) -> None:
-    path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace("[bench.meter]", "[bench.controller.options]\nadress = 3\n[bench.meter]"))
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 2
-    assert "bench.controller.options" in err
-    assert "adress" in err
-    assert "address" in err
+    assert "takes no current" in peltier.fails("run", path, "--out", tmp_path / "run")
 
 
 def test_an_unfinished_run_is_never_overwritten(peltier: Peltier, tmp_path: Path) -> None:
@@ -189,17 +154,14 @@ def test_an_unfinished_run_is_never_overwritten(peltier: Peltier, tmp_path: Path
     left = tmp_path / "run.part"
     left.mkdir()
     (left / "record.csv").write_text("time_s\n0\n")
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 2
-    assert "did not finish" in err
+    assert "did not finish" in peltier.fails("run", path, "--out", tmp_path / "run")
     assert (left / "record.csv").read_text() == "time_s\n0\n"
 
 
 def test_a_plate_that_is_too_weak_is_refused_before_it_heats(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path)
     path.write_text(path.read_text().replace("current_A = 4.0", "current_A = 0.5", 1))
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 2
+    err = peltier.fails("run", path, "--out", tmp_path / "run")
     assert "does not reach" in err
     assert "0.5 A" in err
     assert not (tmp_path / "run.part").exists()
@@ -226,8 +188,7 @@ def test_a_temperature_profile_is_scored_against_what_was_asked(peltier: Peltier
     """A step of 20 K, which no plate follows at once, counts in full."""
     target = '["start 40 degC", "hold 5 s", "step to 60 degC", "hold 15 s"]'
     path = write_bench(tmp_path, target=target, kind="temperature_profile")
-    status, out, _ = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 0
+    out = peltier.succeeds("run", path, "--out", tmp_path / "run")
     with (tmp_path / "run" / "record.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["phase"] == "profile"]
     errors = [float(row["temperature_degC"]) - float(row["setpoint_degC"]) for row in rows]

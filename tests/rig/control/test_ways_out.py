@@ -21,10 +21,10 @@ from rig.drivers.meerstetter import MeerstetterController
 from rig.guard.stale_run import write_end
 from rig.records.run_folder import RunFolder
 from sim.world.plant import SimulatedPlant
+from tests.peltier import Peltier
 from tests.rig.drivers.disobedient import Disobedient
 from tests.rig.small import no_file_above, write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("undrawn")
 limited = pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="file sizes are limited on POSIX only")
 
@@ -110,9 +110,7 @@ def test_an_exception_that_nobody_expects(
     assert json.loads((tmp_path / "run.part" / "run.json").read_text())["stop"]["reason"] == "ZeroDivisionError"
 
 
-def test_a_disk_that_stays_full(
-    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, order: list[str]
-) -> None:
+def test_a_full_disk(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, order: list[str]) -> None:
     """Nothing at all can be written any more: the output is off all the same, and the first error is the one told."""
     full = OSError(errno.ENOSPC, "No space left on device")
 
@@ -125,8 +123,7 @@ def test_a_disk_that_stays_full(
         raise full
 
     at_row(monkeypatch, 100, fill)
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 1
+    err = peltier.fails("run", write_bench(tmp_path), "--out", tmp_path / "run", status=1)
     assert "No space left on device; " in err
     assert err.count("No space left on device") == err.count("is not whole") == 1  # it is the reason of all of them
     assert "output off, confirmed by the controller" in err
@@ -163,9 +160,7 @@ def test_an_end_that_finds_no_room_leaves_the_document_as_it_was(writes: str, tm
     assert "stop" not in json.loads((folder.part / "run.json").read_text())
 
 
-def test_a_folder_that_is_deleted_is_written_again(
-    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
-) -> None:
+def test_a_deleted_folder_is_written_again(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
     at_row(monkeypatch, 100, lambda: shutil.rmtree(tmp_path / "run.part"))
     assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 0
     rows = len((tmp_path / "run" / "record.csv").read_text().splitlines()) - 1
@@ -244,8 +239,7 @@ def test_what_goes_wrong_in_mid_run_trips(
     said: str,
 ) -> None:
     tampered(monkeypatch, method, 20.0, wrong)
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 10, err
+    err = peltier.fails("run", write_bench(tmp_path), "--out", tmp_path / "run", status=10)
     assert said in err
     assert "output off, confirmed" in err
     trip = json.loads((tmp_path / "run.part" / "trip.json").read_text())
@@ -274,9 +268,7 @@ def test_polarity_is_checked_with_a_small_pulse(
     swap(monkeypatch)
     path = write_bench(tmp_path)
     path.write_text(path.read_text().replace("first_degC = 60.0", f"first_degC = {first_degC}"))
-    status, _, err = peltier(verb, path, "--out", tmp_path / "run")
-    assert status == 10
-    assert "polarity" in err
+    assert "polarity" in peltier.fails(verb, path, "--out", tmp_path / "run", status=10)
     trip = json.loads((tmp_path / "run.part" / "trip.json").read_text())
     assert trip["cause"] == "polarity"
     row = {name: [r[k] for r in trip["rows"]] for k, name in enumerate(trip["columns"])}
@@ -307,8 +299,7 @@ def test_a_plate_that_drifts_has_no_wrong_polarity(peltier: Peltier, tmp_path: P
 
 def test_no_answer_to_the_pulse(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
     tampered(monkeypatch, "set_current_A", 0.0, open_circuit)
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 10
+    err = peltier.fails("run", write_bench(tmp_path), "--out", tmp_path / "run", status=10)
     assert "is the Peltier connected" in err
 
 
@@ -325,8 +316,7 @@ def test_a_gap_in_mid_run_trips(monkeypatch: pytest.MonkeyPatch, peltier: Peltie
         whole(self, time_s)
 
     monkeypatch.setattr(rig.bench.assembly.VirtualClock, "sleep_until_s", sleep)
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 10
+    err = peltier.fails("run", write_bench(tmp_path), "--out", tmp_path / "run", status=10)
     assert "this program did not read for 3." in err
     trip = json.loads((tmp_path / "run.part" / "trip.json").read_text())
     assert trip["cause"] == "program_late"
@@ -344,8 +334,7 @@ def test_a_film_that_the_hot_end_does_not_saturate_is_told(peltier: Peltier, tmp
 def test_a_calibration_below_the_transition_has_failed_and_not_tripped(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path)
     path.write_text(path.read_text() + "\n[calibration]\ntemperature_degC = [16, 28]\n")
-    status, _, err = peltier("calibrate", path, "--out", tmp_path / "run")
-    assert status == 1, err
+    err = peltier.fails("calibrate", path, "--out", tmp_path / "run", status=1)
     assert "does calibration.temperature_degC span its transition?" in err
     assert "output off, confirmed" in err
     assert not (tmp_path / "run.part" / "trip.json").exists()
@@ -356,8 +345,7 @@ def test_more_cooling_current_than_cools_is_refused(peltier: Peltier, tmp_path: 
     path = write_bench(tmp_path, target='["start 0 A", "hold 2 s", "step to -9 A", "hold 2 s"]')
     text = path.read_text().replace('kind = "track_resistance"', 'kind = "current_profile"')
     path.write_text(text.replace("current_A = 4.0", "current_A = 10.0"))
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 2
+    err = peltier.fails("run", path, "--out", tmp_path / "run")
     assert "more current cools less" in err
     assert "experiment.target" in err
 
@@ -368,8 +356,7 @@ def test_a_controller_without_a_dead_man_is_told(peltier: Peltier, tmp_path: Pat
     path.write_text(
         text.replace('driver = "meerstetter"', 'driver = "srs_ldc500"').replace("period_s = 0.1", "period_s = 0.5")
     )
-    status, out, _ = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 0
+    out = peltier.succeeds("run", path, "--out", tmp_path / "run")
     assert "srs_ldc500: has no dead man of its own" in out
     assert json.loads((tmp_path / "run" / "run.json").read_text())["start"]["dead_man"] is False
 
@@ -437,18 +424,15 @@ def test_nobody_would_switch_off(peltier: Peltier, tmp_path: Path, verb: str) ->
     refused = "if the program hangs, the output stays on"
     assert refused not in peltier(verb, path, "--out", tmp_path / "run")[2]
     path.write_text(path.read_text().replace('driver = "meerstetter"', 'driver = "srs_ldc500"'))
-    status, _, err = peltier(verb, path, "--out", tmp_path / "run")
-    assert status == 2
+    err = peltier.fails(verb, path, "--out", tmp_path / "run")
     assert refused in err
     assert len(err.splitlines()) == 1
-    status, _, err = peltier(verb, path, "--out", tmp_path / "run", "--unguarded")
+    _, _, err = peltier(verb, path, "--out", tmp_path / "run", "--unguarded")
     assert refused not in err
     assert "/dev/ttyNOPE7" in err
 
 
-def test_check_clears_an_error_where_it_is_told_to(
-    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
-) -> None:
+def test_check_clears_an_error_if_told(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
     whole = rig.bench.assembly.emulated_instruments
 
     def tripped(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
@@ -463,6 +447,5 @@ def test_check_clears_an_error_where_it_is_told_to(
     assert "error 104: over-voltage at its output" in out
     assert "what to do: check the element" in out
     assert "cleared" not in out
-    status, out, _ = peltier("check", path, "--clear")
-    assert status == 0
+    out = peltier.succeeds("check", path, "--clear")
     assert "cleared; status: ready" in out

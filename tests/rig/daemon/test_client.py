@@ -1,8 +1,9 @@
-"""What a verb that talks to a daemon leaves behind with --json; and a daemon that is none, or refuses."""
+"""Verbs that talk to a daemon: what --json leaves behind, no daemon or one that refuses, `off` with simulated ports."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -13,9 +14,10 @@ from pathlib import Path
 import pytest
 
 from rig.daemon.client import Client, Refusal, write_json
+from tests.peltier import Peltier
+from tests.rig.daemon.benches import SERVE, running, write_current
 from tests.rig.small import no_file_above
 
-Peltier = Callable[..., tuple[int, str, str]]
 OFF = b'{"off": true, "confirmed": true, "confirmed_by": "its status", "took_s": 0.01}'
 
 
@@ -103,3 +105,41 @@ def test_refused_events_do_not_look_like_silence(tmp_path: Path) -> None:
         pytest.raises(Refusal, match="too many listen"),
     ):
         next(client.events(30.0))
+
+
+def test_another_file_s_bench_is_left_alone(peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = write_current(tmp_path, more=SERVE)
+    other = tmp_path / "other.toml"
+    other.write_text(mine.read_text())
+    link = tmp_path / "link.toml"
+    link.symlink_to(mine)
+    monkeypatch.setenv("PELTIER_SOCKET", str(tmp_path / "bench.sock"))
+    with running(mine) as bench:
+        status, out, err = peltier("off", other, "--json", "-")
+        assert (status, json.loads(out)["confirmed"]) == (0, True)
+        assert f"no daemon serves {other}: nothing is on; left alone: bench" in err
+        assert bench.state()["state"] == "idle"
+        out = peltier.quietly("off", link)
+        assert "bench: output off, confirmed" in out
+        bench.until_state("stopped")
+    out = peltier.quietly("off", mine)
+    assert "nothing is on" in out
+    assert "left alone" not in out
+
+
+@pytest.mark.parametrize("error", [RuntimeError("a driver's own"), ImportError("no serial"), OSError("no room")])
+def test_whatever_stands_in_its_way_the_output_is_not_confirmed_off(
+    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """Whoever types `off` must not have to read a traceback to learn that the heater is still on."""
+
+    def fails(config: Path) -> None:
+        raise error
+
+    monkeypatch.setenv("PELTIER_SOCKET", str(tmp_path / "bench.sock"))
+    monkeypatch.setattr("rig.command.bench._controller", fails)
+    status, out, err = peltier("off", "rig.toml")
+    assert (status, out, err.count("\n")) == (11, "", 1)
+    assert f"OUTPUT NOT CONFIRMED OFF: {'the installation is not whole ' * isinstance(error, ImportError)}" in err
+    assert f"{error}" in err
+    assert "Switch the controller off by hand." in err

@@ -7,7 +7,6 @@ import json
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -31,6 +30,7 @@ from rig.ports.open import holder
 from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.safety.switching_off import BY_ITS_DEAD_MAN
 from sim.world.plant import SimulatedPlant
+from tests.peltier import begun
 from tests.rig.daemon.benches import LONGEST_S, SERVE, RunningBench, environment, put_on, running, until, write_current
 from tests.rig.drivers.disobedient import Disobedient
 from tests.rig.history.test_history import locked
@@ -107,12 +107,7 @@ def test_an_end_before_it_is_ready_is_told_to_systemd(tmp_path: Path) -> None:
         notified.bind(str(tmp_path / "notify"))
         notified.settimeout(LONGEST_S)
         put_on(path, terminals.paths)
-        with subprocess.Popen(
-            [sys.executable, "-m", "rig", "serve", str(path)],
-            env=environment(tmp_path),
-            stderr=subprocess.PIPE,
-            text=True,
-        ) as daemon:
+        with begun("serve", path, env=environment(tmp_path), stderr=subprocess.PIPE) as daemon:
             until(lambda: holder(terminals.paths["controller"])[0], "the port")
             daemon.terminate()
             assert notified.recv(4096) == b"EXTEND_TIMEOUT_USEC=30000000"  # its dead man's 5 s

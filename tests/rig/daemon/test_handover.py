@@ -21,6 +21,14 @@ GONE = None
 Hand = Callable[["_Daemon"], tuple[int, str, str]]
 
 
+def state_of(state: dict[str, Any]) -> dict[str, Any]:
+    return {"event": "state", "data": state}
+
+
+def job_of(number: str, **more: Any) -> dict[str, Any]:
+    return {"event": "job", "data": {"id": number, **more}}
+
+
 class _Daemon:
     """Answers as a daemon does; `state` None: it has gone."""
 
@@ -29,6 +37,8 @@ class _Daemon:
     def __init__(self, status: int, state: dict[str, Any] | None) -> None:
         self._status, self._state = status, state
         self.asked: list[str] = []
+        # in place of the job's end: what it tells, and what happens in between; then it goes
+        self.tells: list[dict[str, Any] | Callable[[], object]] = []
         self.cancelled = {"id": "7", "state": "running"}  # the answer to DELETE
         self.signals: dict[str, signal.Signals] = {}  # that come while something is asked or told
 
@@ -48,11 +58,21 @@ class _Daemon:
         return self._state if at == "/api/state" else {"result": {"rows": 3}}
 
     def events(self, silence_s: float) -> Any:
-        yield {"event": "state", "data": OFF}
+        yield state_of(OFF)
+        for each in self.tells:
+            if isinstance(each, dict):
+                yield each
+            else:
+                each()
+        if self.tells:
+            raise NoDaemon("the daemon has ended")
         self._signalled("follow")
+        yield self.ends()
+
+    def ends(self) -> dict[str, Any]:
+        """Return the message of the job's end."""
         reason = None if self._status == 0 else "the film is too hot"
-        job = {"id": "7", "ended_s": 1.0, "exit_status": self._status, "reason": reason, "folder": "runs/7"}
-        yield {"event": "job", "data": job}
+        return job_of("7", ended_s=1.0, exit_status=self._status, reason=reason, folder="runs/7")
 
 
 class _Held:
@@ -120,14 +140,9 @@ def test_an_output_that_nobody_answers_for_outranks_the_jobs_status(
 def test_the_last_word_of_a_daemon_that_ends_with_its_job_counts(hand: Hand) -> None:
     """On SIGTERM it tells of the job's end and of its output, and may be gone before it is asked."""
 
-    class Ends(_Daemon):
-        def events(self, silence_s: float) -> Any:
-            yield from super().events(silence_s)
-            yield {"event": "row", "data": {}}
-            yield {"event": "state", "data": OFF}
-            raise NoDaemon("the daemon has ended")
-
-    found, _, err = hand(Ends(143, GONE))
+    daemon = _Daemon(143, GONE)
+    daemon.tells = [daemon.ends(), {"event": "row", "data": {}}, state_of(OFF)]
+    found, _, err = hand(daemon)
     assert found == 143
     assert "output off, confirmed by the controller (the controller)" in err
 
@@ -191,15 +206,9 @@ def test_a_job_that_waited_when_its_daemon_was_killed_never_began(
     hand: Hand,
     tmp_path: Path,
 ) -> None:
-    class Killed(_Daemon):
-        def events(self, silence_s: float) -> Any:
-            yield {"event": "state", "data": OFF}
-            for state in told:
-                ended = {"id": "8", "started_s": 0.0, "ended_s": 1.0}
-                yield {"event": "job", "data": ended} if state is None else {"event": "state", "data": state}
-            raise NoDaemon("the daemon has ended")
-
-    found, _, err = hand(Killed(0, GONE))
+    daemon = _Daemon(0, GONE)
+    daemon.tells = [job_of("8", started_s=0.0, ended_s=1.0) if state is None else state_of(state) for state in told]
+    found, _, err = hand(daemon)
     assert found == status
     assert said in err
     assert f"`peltier off {tmp_path / 'config.toml'}` switches the output off" in err
@@ -211,20 +220,15 @@ def test_a_job_that_waited_when_its_daemon_ended_never_began(state: str, status:
     """By itself: it ends the job before this one, lets its listeners go, and answers for a moment more."""
 
     class Ends(_Daemon):
-        def events(self, silence_s: float) -> Any:
-            yield {"event": "state", "data": OFF}
-            yield {"event": "state", "data": WAITS}
-            yield {"event": "job", "data": {"id": "8", "started_s": 0.0, "ended_s": 1.0, "folder": "runs/8"}}
-            yield {"event": "state", "data": FREE}
-            raise NoDaemon("the daemon has ended")
-
         def ask(self, method: str, at: str, /, **body: Any) -> dict[str, Any]:
             if at == "/api/jobs/7" and method not in self.asked:
                 self.asked.append(method)
                 return {"job": {"id": "7", "state": state}}
             return super().ask(method, at, **body)
 
-    found, _, err = hand(Ends(0, GONE))
+    daemon = Ends(0, GONE)
+    daemon.tells = [state_of(WAITS), job_of("8", started_s=0.0, ended_s=1.0, folder="runs/8"), state_of(FREE)]
+    found, _, err = hand(daemon)
     assert found == status
     assert ("the job never began" in err) == (status == 1)
     assert "runs/8" not in err  # another job's
@@ -250,15 +254,12 @@ def test_a_job_whose_daemon_was_killed_ends_as_its_guard_found(
     folder.mkdir()
     (folder / "run.json").write_text('{"start": {}}')
 
-    class Killed(_Daemon):
-        def events(self, silence_s: float) -> Any:
-            yield {"event": "state", "data": OFF}
-            yield {"event": "job", "data": {"id": "7", "started_s": 1.0, "ended_s": None, "folder": str(folder)}}
-            if confirmed is not None:
-                write_end(str(folder), "process 5 died of SIGKILL; output off, confirmed", confirmed)
-            raise NoDaemon("the daemon has ended")
-
-    found, _, err = hand(Killed(0, GONE))
+    daemon = _Daemon(0, GONE)
+    daemon.tells = [job_of("7", started_s=1.0, ended_s=None, folder=str(folder))]
+    if confirmed is not None:
+        died = "process 5 died of SIGKILL; output off, confirmed"
+        daemon.tells.append(lambda: write_end(str(folder), died, confirmed))
+    found, _, err = hand(daemon)
     assert found == status
     assert said.format(folder=folder) in err
 
@@ -290,13 +291,10 @@ def test_a_job_that_is_ended_while_its_daemon_ends(
         stop = {"reason": why, "text": "as it is", "output_off_confirmed": off}
         (folder / name / "run.json").write_text(json.dumps({"start": {"at": at}, "stop": stop}))
 
-    class Ending(_Daemon):
-        def events(self, silence_s: float) -> Any:
-            yield {"event": "state", "data": OFF}
-            yield {"event": "job", "data": {"id": "7", "started_s": 1.0, "ended_s": None, "folder": str(folder)}}
-            signal.raise_signal(signal.SIGINT)
-
-    found, _, err = hand(Ending(0, GONE))
+    daemon = _Daemon(0, GONE)
+    begun = job_of("7", started_s=1.0, ended_s=None, folder=str(folder))
+    daemon.tells = [begun, lambda: signal.raise_signal(signal.SIGINT)]
+    found, _, err = hand(daemon)
     assert found == status
     assert said in err
 

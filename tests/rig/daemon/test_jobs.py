@@ -1,24 +1,30 @@
-"""Jobs on the bench: queue, stop, trip and reset, what is kept of them."""
+"""Jobs on the bench: queue, stop, trip and reset, what is kept of them; rows, gaps and jumps of the clock."""
 
 from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 import rig.daemon.job_run
 import rig.daemon.supervisor
 from rig.config.configuration import read_configuration
+from rig.control.decision import Tick, Ticks
 from rig.core.errors import Disconnected
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff
-from rig.core.reading import Identity
+from rig.core.reading import Identity, Reading
+from rig.daemon.command_queue import Gaps
 from rig.daemon.configurations import admit, by_text
 from rig.daemon.http_server import Refusal, Requests
+from rig.daemon.job_run import JobRun
+from rig.daemon.status_text import status_rows
 from rig.drivers.controller import TemperatureController
 from rig.experiment.feasibility import still_to_come
 from rig.history import reading
@@ -164,17 +170,6 @@ def submit_text(bench: RunningBench, text: str) -> str:
     return bench.commands.submit(by_text(text, "more", bench.commands.configurations), "more").id
 
 
-def test_a_job_can_be_taken_out_of_the_queue(bench: RunningBench) -> None:
-    first, second = submit(bench, '["start 0 A", "hold 60 s"]', "first"), submit(bench, SHORT, "second")
-    bench.until_phase("profile")
-    assert bench.commands.cancel(second, "a test") is not None
-    assert table(bench, second)["state"] == "stopped"
-    assert bench.commands.cancel(first, "a test") is not None
-    until(lambda: table(bench, first)["state"] == "stopped", "the job's end")
-    bench.until_state("idle")  # ending one job latches nothing
-    assert bench.commands.cancel("nobody", "a test") is None
-
-
 def unplugged(bench: RunningBench) -> TemperatureController:
     """The controller, whose port is gone; another one is opened in its place."""
     controller = bench.commands.output_lock._controller
@@ -207,9 +202,7 @@ def test_instruments_that_are_lost_end_the_job_and_come_back_with_the_output_off
     bench.until_state("idle")
 
 
-def test_a_job_that_computes_while_its_instruments_are_lost_never_heats(
-    bench: RunningBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_job_whose_instruments_are_lost_never_heats(bench: RunningBench, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is over, and tripped, before they are back; another one runs when its thread awakes, and is not disturbed."""
     monkeypatch.setattr("rig.daemon.supervisor.TRY_AGAIN_S", 0.05)
     monkeypatch.setattr("rig.daemon.supervisor.JOB_ENDS_S", 0.2)
@@ -293,9 +286,7 @@ def test_an_output_that_is_not_confirmed_off_is_told_before_a_report_is_drawn(
     until(lambda: table(bench, number)["report"] == f"/runs/{number}/report.html", "what is told of the report")
 
 
-def test_another_instrument_on_the_same_cable_is_waited_out(
-    bench: RunningBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_instrument_on_the_cable_is_waited_out(bench: RunningBench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not the one that the configuration names: the daemon says so, and goes on when the right one is back."""
     monkeypatch.setattr("rig.daemon.supervisor.TRY_AGAIN_S", 0.05)
     whole, another = rig.daemon.supervisor.open_bench, threading.Event()
@@ -383,3 +374,42 @@ def test_a_job_sent_as_text_runs_no_code_of_its_sender(tmp_path: Path) -> None:
         by_text(driver, "job", tmp_path)
     with pytest.raises(Faults, match=r"simulation\.effect_files: names Python code"):
         by_text('[simulation]\neffect_files = ["mine.py"]\n', "job", tmp_path)
+
+
+def test_the_test_current_is_that_of_the_rows_own_reading() -> None:
+    """Though the next reading, in another range maybe, has been begun when the row is written."""
+    rows: list[dict[str, Any]] = []
+    commands = SimpleNamespace(label_s=lambda: 7.0, ticks=Ticks(), row=rows.append)
+    valid, clock = SimpleNamespace(check_void=lambda: None), SimpleNamespace(latest_s=0.0)
+    job = SimpleNamespace(_commands=commands, _pass=valid, _clock=clock, _job=SimpleNamespace(id="1"), _last=None)
+    wanted = dict.fromkeys(("setpoint_degC", "reference_degC", "target_ohm", "predicted_ohm"), 1.0)
+    decision = SimpleNamespace(done=False, **wanted)
+    readings = {"temperature": Reading(60.0, 0.0), "resistance": Reading(1e4, 0.0), "test_current_A": 1e-4}
+    tick = SimpleNamespace(decision=decision, current_A=1.5, watch=None, phase="profile", **readings)
+    JobRun.tick(cast(JobRun, job), cast(Tick, tick))
+    assert (rows[0]["resistance_ohm"], rows[0]["meter_current_A"], rows[0]["job"]) == (1e4, 1e-4, "1")
+
+
+def test_gaps_are_counted() -> None:
+    gaps = Gaps(100.0)
+    for now_s in (100.1, 101.0, 131.0, 132.0, 142.0):
+        gaps.cycle(now_s, 3.0)
+    assert gaps.table() == {"count": 2, "longest_s": 30.0, "total_s": 40.0}
+
+
+def test_a_jump_of_the_clock_and_a_gap_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with running(write_current(tmp_path, more=SERVE)) as bench:
+        logged: list[str] = []
+        bench.commands._log = logged.append
+        uptime_s, real = bench.state()["uptime_s"], time.time
+        monkeypatch.setattr("rig.daemon.command_queue.time.time", lambda: real() + 400 * 86400.0)
+        until(lambda: any("jumped" in line for line in bench.state()["warnings"]), "the warning")
+        assert "jumped forward by 400.0 days" in logged[0]
+        assert bench.state()["uptime_s"] < uptime_s + 3600.0
+        monkeypatch.undo()
+        until(lambda: any("jumped back by 400.0 days" in line for line in bench.state()["warnings"]), "the way back")
+        gaps = bench.state()["gaps"]["count"]
+        bench.commands.gaps.cycle(bench.commands.clock.now_s() + 35.0, 3.0)
+        assert bench.state()["gaps"]["count"] == gaps + 1
+        told = dict(status_rows(bench.state()))
+        assert "the longest 3" in told["gaps"]

@@ -25,6 +25,7 @@ from rig.guard.stale_run import DIED
 from rig.history import reading
 from tests.rig.daemon.benches import SERVE, until, write_current
 
+CHANGED = {"trips deleted": "DELETE FROM trip", "documents": "UPDATE trip SET document = 'no JSON'"}
 ROW = {"temperature_degC": 25.0, "phase": "idle", "quality": "good"}
 
 
@@ -73,16 +74,9 @@ def damaged(folder: Path, how: str) -> None:
         os.truncate(path, path.stat().st_size // 2)
     elif how == "random bytes":
         path.write_bytes(path.read_bytes()[:500] + os.urandom(path.stat().st_size - 500))
-    elif how == "trips deleted":
-        connection = sqlite3.connect(path)
-        connection.execute("DELETE FROM trip")
-        connection.commit()
-        connection.close()
-    elif how == "documents":
-        connection = sqlite3.connect(path)
-        connection.execute("UPDATE trip SET document = 'no JSON'")
-        connection.commit()
-        connection.close()
+    elif how in CHANGED:
+        with contextlib.closing(sqlite3.connect(path)) as connection, connection:
+            connection.execute(CHANGED[how])
 
 
 @pytest.mark.parametrize("how", ["whole", "deleted", "truncated", "random bytes", "trips deleted", "documents"])
@@ -116,17 +110,8 @@ def test_a_stop_survives_a_restart_too(file: ConfigurationFile) -> None:
         assert word(commands) == "tripped"
 
 
-def test_a_new_bench_is_clear_and_stays_so(file: ConfigurationFile) -> None:
-    for _ in range(3):
-        with life(file) as commands:
-            assert word(commands) == "idle"
-            rows(commands)
-
-
 @pytest.mark.parametrize("how", ["truncated", "a sector", "deleted", "deleted, and no history can be read"])
-def test_a_latch_that_cannot_be_read_is_a_trip(
-    file: ConfigurationFile, how: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unreadable_latch_is_a_trip(file: ConfigurationFile, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with life(file) as commands:
         rows(commands)
         path = commands.folder / LATCH
@@ -197,9 +182,7 @@ def broken(path: Path, kept: Entry) -> None:
     raise OSError(5, "Input/output error")
 
 
-def test_a_latch_that_cannot_be_written_holds_is_told_and_is_not_reset(
-    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unwritable_latch_holds_and_is_not_reset(file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(latch, "TRY_AGAIN_S", 0.02)
     with life(file) as commands:
         commands.output_now("off")
@@ -218,9 +201,7 @@ def test_a_latch_that_cannot_be_written_holds_is_told_and_is_not_reset(
         assert not any("the latch" in line for line in commands.warnings())
 
 
-def test_a_disk_that_hangs_holds_up_neither_stop_nor_trip(
-    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_hanging_disk_holds_up_no_stop_or_trip(file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch) -> None:
     goes_on = threading.Event()
 
     def hanging(path: Path, kept: Entry) -> None:

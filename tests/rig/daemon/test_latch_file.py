@@ -47,9 +47,7 @@ def test_any_text_fits(tmp_path_factory: pytest.TempPathFactory, text: str) -> N
 
 @settings(max_examples=300, deadline=None)
 @given(at=st.integers(0, SIZE - 1), more=st.integers(1, 255))
-def test_a_byte_that_changed_anywhere_makes_it_unreadable(
-    tmp_path_factory: pytest.TempPathFactory, at: int, more: int
-) -> None:
+def test_a_changed_byte_makes_it_unreadable(tmp_path_factory: pytest.TempPathFactory, at: int, more: int) -> None:
     path = file_of(tmp_path_factory.mktemp("byte"), NEW, TRIP)
     data = bytearray(path.read_bytes())
     data[at] = (data[at] + more) % 256

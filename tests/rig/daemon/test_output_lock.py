@@ -14,13 +14,18 @@ from rig.daemon.output_lock import JobPass, Off, OutputLock
 from tests.rig.daemon.benches import until
 
 
+def attached() -> tuple[OutputLock, Mock, Any]:
+    """The lock, its controller, and that controller as a job has it."""
+    lock, controller = OutputLock(lambda: 0.0), Mock(confirms_off_by="its status")
+    lock.attach(controller)
+    return lock, controller, lock.controller_for_job(controller, JobPass(lock))
+
+
 @pytest.mark.parametrize("obeys", [True, False])
 def test_a_job_that_is_first_at_the_lock_switches_off_for_stop_too(obeys: bool) -> None:
     """STOP waits for the job's exchange; the job finds the lock closed and is at its "off" before STOP has the lock."""
-    lock, controller = OutputLock(lambda: 0.0), Mock(confirms_off_by="its status")
+    lock, controller, locked = attached()
     controller.off.return_value = obeys
-    lock.attach(controller)
-    locked = lock.controller_for_job(controller, JobPass(lock))
     offs: list[Off] = []
     stop = threading.Thread(target=lambda: offs.append(lock.stop(JobStopped("stopped"))))
 
@@ -38,9 +43,7 @@ def test_a_job_that_is_first_at_the_lock_switches_off_for_stop_too(obeys: bool) 
 
 def test_a_stop_that_comes_while_the_job_switches_off_is_that_off() -> None:
     """A job that ends by itself is at its "off", which a controller that is deaf takes 0.7 s for."""
-    lock, controller = OutputLock(lambda: 0.0), Mock(confirms_off_by="its status")
-    lock.attach(controller)
-    locked = lock.controller_for_job(controller, JobPass(lock))
+    lock, controller, locked = attached()
     offs: list[Off] = []
     stop = threading.Thread(target=lambda: offs.append(lock.stop(JobStopped("stopped"))))
 
@@ -59,10 +62,8 @@ def test_a_stop_that_comes_while_the_job_switches_off_is_that_off() -> None:
 
 def test_an_off_that_came_late_to_a_gate_that_was_opened_is_none_for_the_next_job() -> None:
     """STOP waits for the lock while somebody resets the bench, and the supervisor opens the lock for the next job."""
-    lock, controller = OutputLock(lambda: 0.0), Mock(confirms_off_by="its status")
+    lock, controller, locked = attached()
     controller.off.return_value = True
-    lock.attach(controller)
-    locked = lock.controller_for_job(controller, JobPass(lock))
     stop = threading.Thread(target=lambda: lock.stop(JobStopped("stopped")))
 
     def exchange() -> None:
@@ -81,10 +82,8 @@ def test_an_off_that_came_late_to_a_gate_that_was_opened_is_none_for_the_next_jo
 
 
 def test_a_job_is_told_what_the_off_of_stop_gave_and_a_second_stop_commands_it_again() -> None:
-    lock, controller = OutputLock(lambda: 0.0), Mock(confirms_off_by="its status")
+    lock, controller, locked = attached()
     controller.off.side_effect = [False, True, True]
-    lock.attach(controller)
-    locked = lock.controller_for_job(controller, JobPass(lock))
     assert not lock.stop(JobStopped("stopped")).confirmed
     assert not locked.off()
     assert controller.off.call_count == 1

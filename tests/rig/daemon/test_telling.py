@@ -40,9 +40,7 @@ def heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
         yield read
 
 
-def test_systemd_is_told_of_readiness_and_fed_by_cycles_alone(
-    heard: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_systemd_is_fed_by_cycles_alone(heard: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
     monkeypatch.setattr(systemd.time, "monotonic", lambda: now[0])
     notifier = Notifier()
@@ -150,9 +148,7 @@ def test_what_json_cannot_say_is_null() -> None:
         ("idle_period_s = 58.0", "serve.idle_period_s: 58"),
     ],
 )
-def test_a_silence_that_systemd_would_end_is_refused(
-    more: str, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_silence_too_long_for_systemd(more: str, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the silence for the dead man of a controller that does not obey no cycle is completed."""
     path = write_current(tmp_path, more=SERVE)
     text = path.read_text()

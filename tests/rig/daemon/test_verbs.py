@@ -9,7 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,9 @@ from rig.bench.assembly import emulated_instruments
 from rig.config.configuration import read_configuration
 from rig.daemon.client import Client
 from rig.ports.pseudo_terminal import PseudoTerminals
+from tests.peltier import Peltier, begun
 from tests.rig.daemon.benches import environment, put_on, until, write_current
 
-Peltier = Callable[..., tuple[int, str, str]]
 STARTS_S = 200.0  # of patience on a busy computer
 
 
@@ -54,13 +54,7 @@ def started(folder: Path) -> Iterator[Daemon]:
         notified.bind(str(folder / "notify"))
         notified.settimeout(STARTS_S)
         put_on(path, terminals.paths, "idle_period_s = 0.2\n")
-        process = subprocess.Popen(
-            [sys.executable, "-m", "rig", "serve", str(path)],
-            env=environment(folder),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        process = begun("serve", path, stderr=subprocess.STDOUT, env=environment(folder))
         try:
             assert notified.recv(4096).startswith(b"READY=1")
             yield Daemon(process, folder, path, emulated, notified)
@@ -94,8 +88,7 @@ def ending(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyP
 
 def test_status_as_text_and_as_json(here: Daemon, peltier: Peltier) -> None:
     here.until("idle")
-    status, out, err = peltier("status")
-    assert (status, err) == (0, "")
+    out = peltier.quietly("status")
     assert "output         off, confirmed by the controller" in out
     status, out, err = peltier("status", "--json", "-")
     assert status == 0
@@ -104,8 +97,7 @@ def test_status_as_text_and_as_json(here: Daemon, peltier: Peltier) -> None:
 
 
 def test_watch_tells_a_line_a_second(here: Daemon, peltier: Peltier) -> None:
-    status, out, err = peltier("watch", "--seconds", "0.5")
-    assert (status, err) == (0, "")
+    out = peltier.quietly("watch", "--seconds", "0.5")
     assert "idle" in out
     assert "degC" in out
 
@@ -116,8 +108,7 @@ def test_the_watchdog_is_fed(here: Daemon) -> None:
 
 def test_run_is_handed_over_and_followed(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
     result = tmp_path / "result.json"
-    status, out, err = peltier("run", here.path, "--out", tmp_path / "out", "--json", result)
-    assert (status, err) == (0, "")
+    out = peltier.quietly("run", here.path, "--out", tmp_path / "out", "--json", result)
     assert "handed over to the daemon bench" in out
     assert f"report: {tmp_path / 'out' / 'report.html'}" in out
     assert (tmp_path / "out" / "record.csv").is_file()
@@ -129,21 +120,14 @@ def test_what_is_wrong_comes_back_from_the_daemon(here: Daemon, peltier: Peltier
     wide = tmp_path / "wide.toml"
     wide.write_text(here.path.read_text().replace("current_A = 4.0", "current_A = 6.0"))
     (tmp_path / "model.toml").write_text((here.path.parent / "model.toml").read_text())
-    status, _, err = peltier("run", wide)
-    assert status == 2
-    assert "limits.current_A: 6: expected at most the bench's, 4" in err
+    assert "limits.current_A: 6: expected at most the bench's, 4" in peltier.fails("run", wide)
 
 
 def long_run(here: Daemon, tmp_path: Path, name: str = "long", begins: bool = True) -> subprocess.Popen[str]:
     path = here.path.with_name("long.toml")
     path.write_text(here.path.read_text().replace("hold 0.5 s", "hold 300 s").replace("start 0 A", "start 1 A"))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rig", "run", str(path), "--out", str(tmp_path / name)],
-        env=environment(here.folder),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+    words = ("run", path, "--out", tmp_path / name)
+    process = begun(*words, stderr=subprocess.STDOUT, env=environment(here.folder))
     if not begins:
         return process
     until(lambda: (here.ask("GET", "/api/state")["job"] or {}).get("phase") == "profile", "the job")
@@ -166,13 +150,8 @@ def test_ctrl_c_of_the_run_that_was_handed_over_ends_its_job(here: Daemon, tmp_p
 
 
 def test_a_calibration_is_handed_over_too(here: Daemon, tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rig", "calibrate", str(here.path), "--out", str(tmp_path / "out")],
-        env=environment(here.folder),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+    words = ("calibrate", here.path, "--out", tmp_path / "out")
+    process = begun(*words, stderr=subprocess.STDOUT, env=environment(here.folder))
     until(lambda: (here.ask("GET", "/api/state")["job"] or {}).get("phase") not in (None, "working"), "the loop")
     assert here.ask("GET", "/api/jobs")[0]["kind"] == "calibration"
     process.send_signal(signal.SIGINT)
@@ -186,8 +165,7 @@ def test_a_calibration_is_handed_over_too(here: Daemon, tmp_path: Path) -> None:
 def test_stop_and_reset(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
     process = long_run(here, tmp_path)
     assert output_is_on(here)
-    status, out, err = peltier("stop", "--json", tmp_path / "stop.json")
-    assert (status, err) == (0, "")
+    out = peltier.quietly("stop", "--json", tmp_path / "stop.json")
     assert "output off, confirmed by the controller in" in out
     assert json.loads((tmp_path / "stop.json").read_text())["confirmed"] is True
     assert not output_is_on(here)
@@ -203,22 +181,10 @@ def test_stop_and_reset(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
     assert "the bench is stopped (stopped by peltier stop): the job waits; once" in (said := ended(process)[1])
     assert "`peltier reset --reason TEXT`" in said
     assert peltier("reset", "--reason", "a test")[0] == 0
-    status, _, err = peltier("reset", "--reason", "a test")
-    assert status == 1
-    assert "nothing is latched" in err
+    assert "nothing is latched" in peltier.fails("reset", "--reason", "a test", status=1)
 
 
-def test_off_by_the_daemon(here: Daemon, peltier: Peltier) -> None:
-    for words in (["off"], ["off", here.path]):
-        status, out, err = peltier(*words)
-        assert (status, err) == (0, "")
-        assert "bench: output off, confirmed" in out
-    assert peltier("reset", "--reason", "a test")[0] == 0
-
-
-def test_a_second_daemon_is_told_who_is_there(
-    here: Daemon, peltier: Peltier, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_second_daemon(here: Daemon, peltier: Peltier, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     by = f"held by process {here.ask('GET', '/daemon')['pid']}"
     status, _, err = peltier("serve", here.path)  # the same name
     assert status == 75
@@ -251,29 +217,19 @@ def test_a_bench_process_that_is_killed_leaves_the_output_off(ending: Daemon, pe
     assert "output off, confirmed by the controller" in text
     ending.process.wait(STARTS_S)
     assert ending.process.returncode == 128 + signal.SIGKILL
-    status, _, err = peltier("status")
-    assert status == 1
-    assert "no daemon runs here" in err
+    assert "no daemon runs here" in peltier.fails("status", status=1)
     assert peltier("stop")[0] == 1
     status, out, _ = peltier("off", ending.path)  # and with no daemon the port is opened
     assert status == 0
     assert "output off, confirmed by the controller" in out
-    status, _, err = peltier("off")
-    assert status == 2
-    assert "expected CONFIG" in err
+    assert "expected CONFIG" in peltier.fails("off")
 
 
 def test_sigterm_ends_it_with_the_output_off(ending: Daemon) -> None:
     """One that began where another had been killed."""
     os.kill(ending.ask("GET", "/daemon")["pid"], signal.SIGKILL)
     ending.process.wait(STARTS_S)
-    again = subprocess.Popen(
-        [sys.executable, "-m", "rig", "serve", str(ending.path)],
-        env=environment(ending.folder),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+    again = begun("serve", ending.path, stderr=subprocess.STDOUT, env=environment(ending.folder))
     try:
         while not ending.notified.recv(4096).startswith(b"READY"):
             pass

@@ -165,9 +165,7 @@ SRS_LINE = b"TTRD?;*ESE?;TTRD?;*ESE?;*ESE %d\n"
         (b"18.9256\r\n18.9256\r\n%d\r\n%d\r\n", "about a token"),  # an old answer before a lone token
     ],
 )
-def test_two_copies_that_differ_are_asked_for_again(
-    attach: Attach, clock: VirtualClock, answer: bytes, why: str
-) -> None:
+def test_copies_that_differ_are_asked_for_again(attach: Attach, clock: VirtualClock, answer: bytes, why: str) -> None:
     before, _ = before_the_reading("srs_ldc500")
     differ = [(SRS_LINE % (10 + k), answer % (9 + k, 9 + k)) for k in range(3)]
     good = (SRS_LINE % 12, b"25.65\r\n11\r\n25.65\r\n11\r\n")
@@ -182,9 +180,7 @@ def test_two_copies_that_differ_are_asked_for_again(
 
 @pytest.mark.parametrize("one", [b"94.77", b"4.77", b"26.09"])
 @pytest.mark.parametrize("place", range(3))
-def test_one_wrong_conversion_of_three_is_never_the_reading(
-    attach: Attach, clock: VirtualClock, one: bytes, place: int
-) -> None:
+def test_one_wrong_conversion_is_never_the_reading(attach: Attach, clock: VirtualClock, one: bytes, place: int) -> None:
     three = [b"24.77", b"24.45", b"24.77"]
     good = (b"T1\nT1\nT1\nP2 0.10\n", b"\r\n".join((*three, b"0.10\r\n")))
     three[place] = one

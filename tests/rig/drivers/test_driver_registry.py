@@ -97,19 +97,8 @@ def test_bad_options_open_nothing(
     opened(name, address, clock)
 
 
-def test_a_driver_that_refuses_its_options_lets_the_port_go(
-    attach: Attach, clock: VirtualClock, plant: StillPlant
-) -> None:
-    address = attach(emulated("srs_ldc500", plant))
-    with pytest.raises(ValueError, match="heating sign"):
-        opened("srs_ldc500", address, clock, heating_sign=2)
-    opened("srs_ldc500", address, clock)
-
-
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_address_goes_to_drivers_that_have_one(
-    attach: Attach, clock: VirtualClock, plant: StillPlant, name: str
-) -> None:
+def test_an_address_goes_to_drivers_with_one(attach: Attach, clock: VirtualClock, plant: StillPlant, name: str) -> None:
     address = attach(emulated(name, plant, **({"address": 3} if name in WITH_ADDRESS else {})))
     if name not in WITH_ADDRESS:
         with pytest.raises(ValueError, match="no option address"):

@@ -169,9 +169,7 @@ def test_a_current_arrives_and_one_beyond_the_limit_does_not(armed: Any, plant: 
         armed.set_setpoint_degC(30.0)
 
 
-def test_own_regulation_holds_and_follows_its_setpoint(
-    armed: Any, plant: StillPlant, clock: VirtualClock, case: Case
-) -> None:
+def test_own_regulation_follows_its_setpoint(armed: Any, plant: StillPlant, clock: VirtualClock, case: Case) -> None:
     if case.driver == "tclab":
         for act in (armed.arm_setpoint, lambda: armed.set_setpoint_degC(30.0)):
             with pytest.raises(Refused, match="no regulation"):
@@ -228,9 +226,7 @@ def test_configuring_takes_the_output_off(armed: Any, plant: StillPlant, clock: 
     assert plant.current_A == 0.0
 
 
-def test_off_is_not_confirmed_by_a_switch_that_reads_on(
-    armed: Any, emulator: Any, clock: VirtualClock, case: Case
-) -> None:
+def test_off_is_not_confirmed_if_a_switch_reads_on(armed: Any, emulator: Any, clock: VirtualClock, case: Case) -> None:
     heat(armed, clock)
     if case.driver == "meerstetter":
         emulator._measured[2010] = lambda: 2
@@ -246,9 +242,7 @@ def test_off_is_not_confirmed_by_a_switch_that_reads_on(
     assert armed.off() is False
 
 
-def test_off_is_not_confirmed_by_a_current_that_is_shown(
-    armed: Any, emulator: Any, clock: VirtualClock, case: Case
-) -> None:
+def test_off_is_not_confirmed_if_a_current_is_shown(armed: Any, emulator: Any, clock: VirtualClock, case: Case) -> None:
     heat(armed, clock)
     if case.driver == "meerstetter":
         for parameter, shown in ((1020, 1.0), (1020, NAN), (104, 2)):

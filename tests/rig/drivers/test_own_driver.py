@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 
-from rig.config.configuration import read_configuration
 from rig.core.clock import VirtualClock
 from rig.core.errors import Disconnected, InstrumentError, Refused
 from rig.core.reading import Quality
@@ -22,6 +21,7 @@ from rig.drivers.registry import open_controller
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.meerstetter import MeerstetterTec
+from tests.peltier import Peltier
 from tests.rig.drivers.far_ends import Answering
 from tests.rig.drivers.still_plant import StillPlant
 
@@ -94,9 +94,7 @@ def test_the_driver_of_the_page(bath_file: Path, attach: Callable[[Instrument], 
     controller.close()
 
 
-def test_it_does_not_believe_what_is_out_of_step(
-    bath_file: Path, attach: Callable[[Instrument], str], clock: VirtualClock
-) -> None:
+def test_out_of_step_is_no_answer(bath_file: Path, attach: Callable[[Instrument], str], clock: VirtualClock) -> None:
     bath = Bath()
     controller = open_controller(f"{bath_file}:JulaboBath", attach(bath), clock)
     controller.identify()
@@ -126,18 +124,10 @@ def test_a_file_that_is_no_driver(tmp_path: Path, text: str, expected: str) -> N
         open_controller(f"{tmp_path / 'bath.py'}:JulaboBath", "sim://nobody", VirtualClock())
 
 
-def test_a_file_that_is_not_there(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
+def test_a_file_that_is_not_there(tmp_path: Path, peltier: Peltier) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(CONFIGURATION.format(port="/dev/null"))
-    status, _, err = peltier("check", path)
-    assert status == 2
-    assert "there is no such file" in err
-
-
-def test_the_file_is_beside_the_configuration(bath_file: Path) -> None:
-    path = bath_file.parent / "rig.toml"
-    path.write_text(CONFIGURATION.format(port="/dev/ttyUSB0"))
-    assert read_configuration(path).content.bench.controller.driver == f"{bath_file}:JulaboBath"
+    assert "there is no such file" in peltier.fails("check", path)
 
 
 OWN_TEC = """
@@ -156,9 +146,7 @@ def own_tec(tmp_path: Path) -> Path:
     return path
 
 
-def test_off_takes_the_file_from_beside_the_configuration(
-    own_tec: Path, plant: StillPlant, peltier: Callable[..., tuple[int, str, str]]
-) -> None:
+def test_off_takes_the_file_from_beside_the_configuration(own_tec: Path, plant: StillPlant, peltier: Peltier) -> None:
     with PseudoTerminals({"it": MeerstetterTec(plant)}) as terminals:
         own_tec.write_text(own_tec.read_text().replace("{port}", terminals.paths["it"]))
         status, out, err = peltier("off", own_tec)
@@ -170,9 +158,7 @@ def test_off_takes_the_file_from_beside_the_configuration(
     ("text", "expected"),
     [(None, "there is no file"), ("", "there is no class Tec"), (OWN_TEC + "    LINE = 0\n", "NOT CONFIRMED OFF")],
 )
-def test_off_by_a_driver_that_cannot_be_had(
-    own_tec: Path, peltier: Callable[..., tuple[int, str, str]], text: str | None, expected: str
-) -> None:
+def test_off_by_a_driver_that_cannot_be_had(own_tec: Path, peltier: Peltier, text: str | None, expected: str) -> None:
     """Somebody has to know that the output may still be on."""
     file = own_tec.with_name("tec.py")
     file.unlink() if text is None else file.write_text(text)
@@ -215,9 +201,7 @@ def lewis_bath() -> Iterator[str]:
         process.wait(10)
 
 
-def test_check_on_a_simulator_that_others_wrote(
-    bath_file: Path, lewis_bath: str, peltier: Callable[..., tuple[int, str, str]]
-) -> None:
+def test_check_on_a_simulator_that_others_wrote(bath_file: Path, lewis_bath: str, peltier: Peltier) -> None:
     path = bath_file.parent / "rig.toml"
     path.write_text(CONFIGURATION.format(port=lewis_bath))
     status, out, err = peltier("check", path)

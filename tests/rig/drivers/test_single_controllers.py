@@ -70,17 +70,13 @@ def test_largest_current_of_the_heater(attach: Attach, clock: VirtualClock, inst
 @pytest.mark.parametrize(
     "options", [{"input": "E"}, {"output": 3}, {"range": "highest"}, {"max_current_A": 0.0}, {"max_current_A": 3.0}]
 )
-def test_options_that_it_does_not_take(
-    attach: Attach, clock: VirtualClock, instrument: LakeShore, options: dict[str, Any]
-) -> None:
+def test_wrong_options(attach: Attach, clock: VirtualClock, instrument: LakeShore, options: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="is expected"):
         open_controller("lakeshore", attach(instrument), clock, **options)
 
 
 @pytest.mark.parametrize(("units", "shown"), [(1, 313.15), (2, 40.0)])
-def test_setpoints_count_in_the_sensors_units(
-    attach: Attach, clock: VirtualClock, plant: StillPlant, units: int, shown: float
-) -> None:
+def test_units_of_setpoints(attach: Attach, clock: VirtualClock, plant: StillPlant, units: int, shown: float) -> None:
     instrument = LakeShore(plant)
     instrument.values["INTYPE", "A"] = (2, 0, 1, 0, units)
     driver = open_controller("lakeshore", attach(instrument), clock)
@@ -116,9 +112,7 @@ def test_what_it_says_of_itself(ls: LakeShoreController, instrument: LakeShore, 
         ls.arm_current()
 
 
-def test_a_setting_that_reads_back_late(
-    attach: Attach, clock: VirtualClock, ls: LakeShoreController, instrument: LakeShore
-) -> None:
+def test_a_late_setting(attach: Attach, clock: VirtualClock, ls: LakeShoreController, instrument: LakeShore) -> None:
     ls.arm_setpoint()
     values = instrument.values
     kept = values["SETP", 1]
@@ -230,9 +224,7 @@ def test_later_firmware(attach: Attach, clock: VirtualClock, plant: StillPlant) 
 # ---- SRS LDC501 -------------------------------------------------------------------------------------
 
 
-def test_an_instrument_without_line_ends_is_told_to_use_them(
-    plant: StillPlant, attach: Attach, clock: VirtualClock
-) -> None:
+def test_an_instrument_without_line_ends_is_told_so(plant: StillPlant, attach: Attach, clock: VirtualClock) -> None:
     for term in (0, 1):
         ldc = SrsLdc500(plant, start_s=clock.now_s())
         ldc.values["TERM"] = term

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -135,19 +134,6 @@ def test_alarm_in_the_status(armed: TeTechnologyController, tec: TeTechnology) -
     assert "over-current" in status.text
     with pytest.raises(Refused, match="over-current"):
         armed.arm_setpoint()
-
-
-def test_off_comes_at_once_even_in_doubt(
-    armed: TeTechnologyController, tec: TeTechnology, plant: StillPlant, clock: VirtualClock
-) -> None:
-    armed.set_setpoint_degC(90.0)
-    wait(clock, tec, 1.0)
-    armed.link.doubt()
-    begin_s = clock.now_s()
-    assert armed.off()
-    assert (
-        next(time_s for time_s, current_A in plant.currents if time_s > begin_s and current_A == 0.0) < begin_s + 0.05
-    )
 
 
 def test_off_gets_through_to_an_instrument_that_is_answering(
@@ -352,20 +338,6 @@ def test_after_doubt_the_line_has_to_be_silent(attach: Attach, clock: VirtualClo
     with pytest.raises(TimedOut):
         te.sequence(ASK)
     assert te.in_doubt
-
-
-def test_requests_keep_their_distance(attach: Attach, clock: VirtualClock) -> None:
-    seen: list[float] = []
-
-    class Listener(TeTechnology):
-        def receive(self, data: bytes, time_s: float) -> None:
-            seen.append(time_s)
-            super().receive(data, time_s)
-
-    te, _ = link(attach, clock, Listener(StillPlant()), gap_s=0.03)
-    te.sequence(ASK, (b"06", None))
-    exchange_s = 28 / 960 + 0.005
-    assert [later - earlier for earlier, later in pairwise(seen)] == pytest.approx([exchange_s + 0.03] * 3)
 
 
 def test_babble_is_not_waited_for_for_ever(attach: Attach, clock: VirtualClock) -> None:

@@ -20,6 +20,7 @@ from rig.drivers.meter import column_of, film_output, formula
 from rig.drivers.registry import METERS, open_meter
 from rig.records.record_file import read_record
 from sim.instruments.instrument import Instrument, emulated
+from tests.peltier import Peltier
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
@@ -198,7 +199,7 @@ memoryless = { function = "none", offset = 1.0 }
 """
 
 
-def test_a_bench_with_a_detector(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
+def test_a_bench_with_a_detector(tmp_path: Path, peltier: Peltier) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(CONFIGURATION)
     (tmp_path / "film.toml").write_text(FILM)
@@ -207,19 +208,17 @@ def test_a_bench_with_a_detector(tmp_path: Path, peltier: Callable[..., tuple[in
         reading = bench.meter.read()
         assert bench.meter.output == "curvature_per_m"
         assert -1.5 < reading.value < 3.5  # the model's: 1 +- 2
-    status, out, err = peltier("check", path)
-    assert status == 0, err
+    out = peltier.succeeds("check", path)
     assert "curvature:" in out
     assert "per_m" in out
 
 
-def test_a_run_records_the_quantity(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
+def test_a_run_records_the_quantity(tmp_path: Path, peltier: Peltier) -> None:
     path = tmp_path / "rig.toml"
     hold = 'kind = "temperature_profile"\nlaw = "instrument_pid"\ntarget = ["start 30 degC", "ramp to 40 degC in 10 s"]'
     path.write_text(CONFIGURATION.replace('kind = "hold"', hold))
     (tmp_path / "film.toml").write_text(FILM)
-    status, _, err = peltier("run", path, "--out", tmp_path / "out")
-    assert status == 0, err
+    peltier.succeeds("run", path, "--out", tmp_path / "out")
     record = read_record(tmp_path / "out" / "record.csv")
     assert record.has("curvature_per_m")
     assert not record.has("resistance_ohm")
@@ -244,11 +243,10 @@ def test_faults_of_the_configuration(tmp_path: Path, change: tuple[str, str], ex
     assert expected in str(found.value)
 
 
-def test_an_ohmmeter_reads_no_curvature(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
+def test_an_ohmmeter_reads_no_curvature(tmp_path: Path, peltier: Peltier) -> None:
     path = tmp_path / "rig.toml"
     lines = [line for line in CONFIGURATION.splitlines() if not line.startswith(("quantity", "formula", "output"))]
     path.write_text("\n".join(lines))
     (tmp_path / "film.toml").write_text(FILM)
-    status, _, err = peltier("check", path)
-    assert status == 2
+    err = peltier.fails("check", path)
     assert "simulation.film.model: its film's output is 'curvature_per_m'; expected a resistance" in err

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from tests.peltier import begun
 from tests.rig.daemon.benches import LONGEST_S, until
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -41,9 +42,7 @@ def epics_table(more: str = "") -> tuple[str, int, int]:
 def serving(path: Path, place: Path) -> Iterator[subprocess.Popen[str]]:
     """`peltier epics` of a configuration, asking the daemon at `place`, from its first line on."""
     environment = {**os.environ, "PELTIER_SOCKET": str(place), "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rig", "epics", str(path)], stdout=subprocess.PIPE, text=True, env=environment
-    )
+    process = begun("epics", path, env=environment)
     try:
         assert process.stdout is not None
         assert process.stdout.readline().startswith(f"epics {PREFIX} ")

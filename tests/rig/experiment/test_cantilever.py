@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +17,8 @@ from rig.control.policies import Follow
 from rig.experiment.feasibility import check_target
 from rig.experiment.tracking import branches_of, law_and_design
 from rig.records.record_file import read_record
+from tests.peltier import Peltier
 
-Peltier = Callable[..., tuple[int, str, str]]
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 SHORT = '["start 1600 per_m", "hold 3 s", "ramp to 900 per_m at 40 per_m/s", "hold 5 s", "ramp to 1100 at 20 per_m/s"]'
 
@@ -39,8 +38,7 @@ def cantilever(folder: Path, *changes: tuple[str, str], target: str = SHORT) -> 
 
 def test_a_curvature_is_tracked(peltier: Peltier, tmp_path: Path) -> None:
     path, out = cantilever(tmp_path), tmp_path / "run"
-    status, said, err = peltier("run", path, "--out", out, "--json", tmp_path / "r.json")
-    assert (status, err) == (0, "")
+    said = peltier.quietly("run", path, "--out", out, "--json", tmp_path / "r.json")
     assert "several temperatures" not in said  # all of it is on the way down, and the minor loop is a wide one
     score = json.loads((tmp_path / "r.json").read_text())["scores"]["full"]
     record = read_record(out / "record.csv")
@@ -59,11 +57,9 @@ def test_a_curvature_is_tracked(peltier: Peltier, tmp_path: Path) -> None:
     assert "Wanted and measured curvature" in page
     assert "per_m RMS of the wanted curvature" in page
     assert "decades" not in page
-    status, said, _ = peltier("replay", out)
-    assert status == 0
+    said = peltier.succeeds("replay", out)
     assert "commands are the same, bit for bit" in said
-    status, _, err = peltier("report", out, "--out", tmp_path / "again")
-    assert (status, err) == (0, "")
+    peltier.quietly("report", out, "--out", tmp_path / "again")
 
 
 def test_a_model_of_the_negative_is_tracked_too(peltier: Peltier, tmp_path: Path) -> None:
@@ -75,8 +71,7 @@ def test_a_model_of_the_negative_is_tracked_too(peltier: Peltier, tmp_path: Path
     path = cantilever(tmp_path, *turned, target='["start -1600", "hold 3 s", "ramp to -900 in 20 s"]')
     model = tmp_path / "models" / "cantilever.toml"
     model.write_text(model.read_text().replace('"curvature_per_m"', '"minus_curvature_per_m"'))
-    status, _, err = peltier("run", path, "--out", tmp_path / "run", "--json", tmp_path / "r.json")
-    assert (status, err) == (0, "")
+    peltier.quietly("run", path, "--out", tmp_path / "run", "--json", tmp_path / "r.json")
     assert json.loads((tmp_path / "r.json").read_text())["scores"]["full"]["rms_per_m"] < 8.0
 
 
@@ -91,12 +86,9 @@ def test_a_model_of_the_negative_is_tracked_too(peltier: Peltier, tmp_path: Path
         (("track_output", "track_resistance"), '["start 1 kohm", "hold 1 s"]', "expected a resistance to track one"),
     ],
 )
-def test_what_cannot_be_is_refused(
-    peltier: Peltier, tmp_path: Path, change: tuple[str, str], target: str, expected: str
-) -> None:
+def test_refusals(peltier: Peltier, tmp_path: Path, change: tuple[str, str], target: str, expected: str) -> None:
     path = cantilever(tmp_path, *([change] if change[0] else []), target=target)
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 2
+    err = peltier.fails("run", path, "--out", tmp_path / "run")
     assert expected in err
     assert len(err.splitlines()) == 1
 

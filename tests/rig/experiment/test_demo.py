@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from tests.peltier import Peltier
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +41,9 @@ def test_folders_inside(result: tuple[Path, object]) -> None:
     )
 
 
-def test_calibration_model_predicts_its_record(
-    result: tuple[Path, object], peltier: Callable[..., tuple[int, str, str]], tmp_path: Path
-) -> None:
+def test_calibration_model_predicts_its_record(result: tuple[Path, object], peltier: Peltier, tmp_path: Path) -> None:
     folder = result[0] / "calibration"
-    status, _, _ = peltier(
+    peltier.succeeds(
         "predict", folder / "MODEL.toml", folder / "record.csv", "--initial", "fitted", "--json", tmp_path / "p.json"
     )
-    assert status == 0
     assert json.loads((tmp_path / "p.json").read_text())["rmse_dec"] < 0.015

@@ -40,9 +40,7 @@ def test_a_resistance(tmp_path: Path, rate: float, faster: bool) -> None:
 
 
 @pytest.mark.parametrize(("seen_degC", "beyond"), [((40.0, 90.0), False), ((40.0, 62.0), True)])
-def test_temperatures_at_which_nobody_has_measured_the_film(
-    tmp_path: Path, seen_degC: tuple[float, float], beyond: bool
-) -> None:
+def test_temperatures_beyond_the_film_s_record(tmp_path: Path, seen_degC: tuple[float, float], beyond: bool) -> None:
     path, said = write_bench(tmp_path, target=RAMPS.format(rate=0.005)), []
     model = tmp_path / "model.toml"
     model.write_text(f"film_seen_degC = {list(seen_degC)}\n{model.read_text()}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +18,9 @@ from rig.config.model_file import read_model
 from rig.config.toml_file import configuration_with_model, read_toml
 from rig.experiment.improvement import gain_of, news
 from rig.report.batch import RecordReport, files_in
+from tests.peltier import Peltier
 from tests.rig.small import write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 PROFILE = (
@@ -118,8 +117,7 @@ def test_what_ran_is_kept(folder: Path) -> None:
 def test_nothing_is_heated_where_nothing_is_named(peltier: Peltier, tmp_path: Path) -> None:
     config = write_profile(tmp_path)
     assert peltier("run", config, "--out", tmp_path / "first")[0] == 0
-    status, out, _ = peltier("improve", tmp_path / "first", "--config", config, "--out", tmp_path / "b", "--yes")
-    assert status == 0
+    out = peltier.succeeds("improve", tmp_path / "first", "--config", config, "--out", tmp_path / "b", "--yes")
     assert "Not run again: no effect is named in this record." in out
     assert not (tmp_path / "b" / "run").exists()
     assert json.loads((tmp_path / "b" / "improvement.json").read_text())["second"] is None
@@ -133,9 +131,7 @@ CANDIDATE = {
 }
 
 
-def test_what_is_found_and_not_named_is_tried(
-    peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_candidate_is_tried(peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A name says what is there, a model has only to predict: the second run judges."""
     files = files_in(folder / "better" / "diagnosis")
     text = files["model.toml"].replace(b"actuator_delay", b"sensor_lag")
@@ -145,8 +141,7 @@ def test_what_is_found_and_not_named_is_tried(
         "rig.report.diagnosis.report_diagnosis", lambda *words, **more: RecordReport(document, ("",), files)
     )
     words = ("improve", folder / "first", "--config", folder / "config.toml", "--yes", "--out")
-    status, out, _ = peltier(*words, tmp_path / "tried")
-    assert status == 0
+    out = peltier.succeeds(*words, tmp_path / "tried")
     said = json.loads((tmp_path / "tried" / "improvement.json").read_text())
     assert (said["new"], said["tried"]) == ([], ["sensor_lag"])
     assert said["model"].endswith("candidate.toml")
@@ -171,8 +166,7 @@ def test_what_tells_the_run_no_better_is_not_run(
     said = RecordReport(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
     monkeypatch.setattr("rig.report.diagnosis.report_diagnosis", lambda *words, **more: said)
     words = ("improve", folder / "first", "--config", folder / "config.toml", "--yes", "--out", tmp_path / "b")
-    status, out, _ = peltier(*words)
-    assert status == 0
+    out = peltier.succeeds(*words)
     assert "Not run again: with the extended model temperature of the run's own record is predicted to " in out
     assert not (tmp_path / "b" / "run").exists()
 
@@ -199,8 +193,7 @@ def test_what_the_model_has_is_run_again_where_it_tells_the_run_better_for_being
     run = tmp_path / "run"
     shutil.copytree(better / "run", run)
     words = ("improve", run, "--config", better / "config.toml", "--yes", "--out")
-    status, out, _ = peltier(*words, tmp_path / "same")
-    assert status == 0
+    out = peltier.succeeds(*words, tmp_path / "same")
     assert "the run's model already has what is named (actuator_delay), at sizes that the record bears out, and" in out
     assert "and with film and plate fitted to the run temperature of its record is predicted to " in out
     assert not (tmp_path / "same" / "run").exists()
@@ -220,28 +213,23 @@ def test_what_the_model_has_is_run_again_where_it_tells_the_run_better_for_being
     value = model["plate"][key]
     assert f"{key} = {value}" in text
     (run / "model.toml").write_text(text.replace(f"{key} = {value}", f"{key} = {1.1 * value}"))
-    status, out, _ = peltier(*words, tmp_path / "fitted")
-    assert status == 0
+    out = peltier.succeeds(*words, tmp_path / "fitted")
     assert "With actuator_delay (which it had), and film and plate fitted to the first run, in the model the RMS" in out
     said = json.loads((tmp_path / "fitted" / "improvement.json").read_text())
     assert (said["new"], said["tried"]) == ([], [])
     assert (tmp_path / "fitted" / "run" / "run.json").is_file()
 
 
-def test_it_asks_before_it_heats(
-    peltier: Peltier, known: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_asks_before_heating(peltier: Peltier, known: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", Terminal("n\n"))
     words = ("improve", known / "first", "--config", known / "config.toml", "--out")
-    status, out, _ = peltier(*words, tmp_path / "no")
-    assert status == 0
+    out = peltier.succeeds(*words, tmp_path / "no")
     assert "It heats: meerstetter at sim://" in out
     assert "limits 10 to 95 degC and 4 A" in out
     assert "Not run again: you said no." in out
     assert not (tmp_path / "no" / "run").exists()
     monkeypatch.setattr("sys.stdin", Terminal("y\n"))
-    status, out, _ = peltier(*words, tmp_path / "yes")
-    assert status == 0
+    peltier.succeeds(*words, tmp_path / "yes")
     assert (tmp_path / "yes" / "run" / "record.csv").is_file()
 
 
@@ -265,13 +253,10 @@ def test_it_refuses_without_a_terminal(peltier: Peltier, folder: Path, monkeypat
         (('"temperature_profile"', '"current_profile"'), "experiment.kind: 'current_profile' follows no target"),
     ],
 )
-def test_what_cannot_be_is_refused(
-    peltier: Peltier, folder: Path, tmp_path: Path, change: tuple[str, str], line: str
-) -> None:
+def test_refusals(peltier: Peltier, folder: Path, tmp_path: Path, change: tuple[str, str], line: str) -> None:
     config = folder / f"refused_{abs(hash(line))}.toml"
     config.write_text((folder / "config.toml").read_text().replace(*change))
-    status, _, err = peltier("improve", folder / "first", "--config", config, "--out", tmp_path / "no", "--yes")
-    assert status == 2
+    err = peltier.fails("improve", folder / "first", "--config", config, "--out", tmp_path / "no", "--yes")
     assert err.splitlines() == [err.strip()]
     assert line in err
     assert not (tmp_path / "no").exists()
@@ -284,9 +269,7 @@ def test_no_run_and_no_configuration(peltier: Peltier, folder: Path, tmp_path: P
     assert (status, err) == (2, f"{tmp_path / 'none.toml'}: no such file\n")
 
 
-def test_what_a_daemon_ended_with_is_the_status(
-    peltier: Peltier, known: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_status_of_a_daemon(peltier: Peltier, known: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
     def handed_over(verb: str, config: Path, out: Path, json_target: str | None, bench: str | None) -> int:

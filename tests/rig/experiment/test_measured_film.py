@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ from rig.config.model_file import Model, write_model
 from rig.records.column_names import ColumnMapping
 from rig.records.record_file import read_record
 from sim.inference.film.fit import identify_film
+from tests.peltier import Peltier
 
 COLUMNS = ("time_s=t_s", "temperature_degC=T_K@K", "resistance_ohm=R_ohm")
 CONFIGURATION = """
@@ -47,7 +47,7 @@ model = "truth.toml"
 
 
 @pytest.mark.long
-def test_tracks_three_decades(peltier: Callable[..., tuple[int, str, str]], measured: Path, tmp_path: Path) -> None:
+def test_tracks_three_decades(peltier: Peltier, measured: Path, tmp_path: Path) -> None:
     """The main job: the film is fitted to all rows, the controller's model to every other one, its plate is 1 % off."""
     record = read_record(measured / "vo2_film_major_loop.tsv", [ColumnMapping.parse(text) for text in COLUMNS])
     time, temperature, output = record["time_s"], record["temperature_degC"], record.output()
@@ -55,6 +55,5 @@ def test_tracks_three_decades(peltier: Callable[..., tuple[int, str, str]], meas
     write_model(tmp_path / "truth.toml", Model(identify_film(time, temperature, output).model, None))
     write_model(tmp_path / "controller.toml", Model(half, PlateModel(1.616e-3, 0.061, 0.0177, 25.4)))
     (tmp_path / "config.toml").write_text(CONFIGURATION)
-    status, out, err = peltier("run", tmp_path / "config.toml", "--out", tmp_path / "run", "--json", "-")
-    assert status == 0, err
+    out = peltier.succeeds("run", tmp_path / "config.toml", "--out", tmp_path / "run", "--json", "-")
     assert json.loads(out)["scores"]["full"]["rms_dec"] <= 0.1

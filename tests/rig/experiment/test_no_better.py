@@ -10,9 +10,9 @@ import pytest
 from rig.experiment.improvement import no_better
 from rig.records.film_output import FALLING_RESISTANCE
 from rig.records.record_file import Record, read_record
+from tests.peltier import Peltier
 from tests.rig.small import MODEL, write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 CURRENTS = '["start 1 A", "hold 20 s", "ramp to 2.5 A in 60 s", "ramp to -0.5 A in 60 s", "ramp to 1.5 A in 40 s"]'
 SINK = ("heat_sink_warmup", "sink_capacity_ratio = 8.0\nsink_conductance_ratio_per_s = 0.1")
 LAG = ("film_lag", "tau_s = 3.0")
@@ -41,9 +41,7 @@ def why_not(folder: Path, record: Record, *effects: tuple[str, str]) -> str | No
     return no_better(extended, own, record, FALLING_RESISTANCE, [name for name, _ in effects])
 
 
-def test_what_is_before_the_film_is_told_by_the_temperature(
-    tmp_path: Path, recorded: Callable[[str, str], Record]
-) -> None:
+def test_what_is_before_the_film_shows_in_temperature(tmp_path: Path, recorded: Callable[[str, str], Record]) -> None:
     """The film follows the thermometer as well without the sink: 0.0029 decades with it by the current, 0.0024
     without it by the thermometer, for 0.02 K in the place of 2 K."""
     assert why_not(tmp_path, recorded(*SINK), SINK) is None

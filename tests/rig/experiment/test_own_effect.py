@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rig.records.record_file import read_record
+from tests.peltier import Peltier
 from tests.rig.small import MODEL, write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 PROFILE = '["start 0 A", "hold 2 s", "ramp to 2 A in 30 s", "hold 20 s", "ramp to 0 A in 10 s", "hold 20 s"]'
 
 
@@ -51,16 +50,14 @@ def test_simulated_and_predicted(bench: Path, peltier: Peltier) -> None:
     np.testing.assert_allclose(record["temperature_degC"], expected, atol=2e-3)
     known = '\n[[effects]]\nname = "plate_fin"\ncoupling_per_s = 0.02\ntau_s = 60\n'
     (folder / "known.toml").write_text(MODEL + known)
-    status, out, _ = peltier("predict", folder / "known.toml", folder / "r.csv", *words[:2])
-    assert status == 0
+    out = peltier.succeeds("predict", folder / "known.toml", folder / "r.csv", *words[:2])
     assert "temperature: RMS error 0.0000 K" in out
 
 
 def test_from_the_configuration(bench: Path, peltier: Peltier) -> None:
     text = bench.read_text().replace("[simulation]\n", '[simulation]\neffect_files = ["plate_fin.py"]\n')
     bench.write_text(text + '\n[[simulation.effects]]\nname = "plate_fin"\n')
-    status, out, _ = peltier("simulate", bench, "--out", bench.parent / "r.csv")
-    assert status == 0
+    out = peltier.succeeds("simulate", bench, "--out", bench.parent / "r.csv")
     assert "plate_fin: coupling_per_s = 0.01, tau_s = 100" in out
 
 
@@ -83,8 +80,7 @@ def test_a_file_that_is_wrong(bench: Path, peltier: Peltier, code: str | None, t
     path = bench.parent / "wrong.py"
     if code is not None:
         path.write_text(code)
-    status, _, err = peltier("simulate", bench, "--effect-file", path, "--out", bench.parent / "r.csv")
-    assert status == 2
+    err = peltier.fails("simulate", bench, "--effect-file", path, "--out", bench.parent / "r.csv")
     assert err.count("\n") == 1
     assert told in err
 
@@ -98,7 +94,6 @@ def test_a_term_that_is_no_number_is_told(bench: Path, peltier: Peltier, term: s
     code = (folder / "plate_fin.py").read_text().replace("-coupling * (plate - fin)", term)
     (folder / "own.py").write_text(f"import math\n\n{code}")
     words = ("--effect-file", folder / "own.py", "--effect", "plate_fin", "--out", folder / "none.csv")
-    status, _, err = peltier("simulate", bench, *words)
-    assert status == 2, err
+    err = peltier.fails("simulate", bench, *words)
     assert "the simulated temperature is no number any more; effects: plate_fin" in err
     assert not (folder / "none.csv").exists()

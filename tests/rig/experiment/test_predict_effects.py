@@ -1,17 +1,21 @@
-"""predict and tracking with [[effects]] in the model."""
+"""predict and tracking with [[effects]] in the model; predictions of film records that lack rows."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+import rig
+from rig.config.model_file import Model
+from rig.records.conversion import record_from_arrays
 from rig.records.record_file import read_record, write_columns
+from tests.peltier import Peltier
 from tests.rig.small import MODEL, write_bench
+from tests.sim.inference.identification_films import is_prandtl_ishlinskii
+from tests.sim.inference.test_identify_gaps import NOISE, with_an_excursion
 
-Peltier = Callable[..., tuple[int, str, str]]
 CURRENTS = '["start 1 A", "hold 20 s", "ramp to 2.5 A in 60 s", "ramp to -0.5 A in 60 s", "ramp to 1.5 A in 40 s"]'
 EFFECTS = {
     "film_lag": {"tau_s": 3.0},
@@ -46,8 +50,7 @@ def folder(tmp_path: Path, peltier: Peltier) -> Path:
 
 
 def predicted(peltier: Peltier, model: Path, record: Path, *words: object) -> dict[str, float]:
-    status, out, err = peltier("predict", model, record, *words, "--json", "-")
-    assert status == 0, err
+    out = peltier.succeeds("predict", model, record, *words, "--json", "-")
     return dict(json.loads(out))
 
 
@@ -83,8 +86,7 @@ def test_self_heating_without_a_test_current_is_told(folder: Path, peltier: Pelt
 def test_a_model_with_faulty_effects(tmp_path: Path, peltier: Peltier) -> None:
     (tmp_path / "bad.toml").write_text(MODEL + '\n[[effects]]\nname = "film_lag"\n[[effects]]\ntau_s = 1.0\n')
     (tmp_path / "r.csv").write_text("time_s,temperature_degC\n0,30\n1,31\n")
-    status, _, err = peltier("predict", tmp_path / "bad.toml", tmp_path / "r.csv")
-    assert status == 2
+    err = peltier.fails("predict", tmp_path / "bad.toml", tmp_path / "r.csv")
     assert err.splitlines()[0].endswith("effects[0]: film_lag: tau_s: missing; expected a number")
     assert "effects[1]: name: missing" in err.splitlines()[1]
 
@@ -108,8 +110,30 @@ def test_the_law_gains_from_them(tmp_path: Path, peltier: Peltier) -> None:
     rms = []
     for name, known in (("base", MODEL), ("extended", MODEL + LAG_AND_LEADS)):
         (tmp_path / "known.toml").write_text(known)
-        status, _, err = peltier("run", path, "--out", tmp_path / name, "--json", tmp_path / f"{name}.json")
-        assert status == 0, err
+        peltier.succeeds("run", path, "--out", tmp_path / name, "--json", tmp_path / f"{name}.json")
         rms.append(json.loads((tmp_path / f"{name}.json").read_text())["scores"]["full"]["rms_dec"])
     assert rms[1] < 0.45 * rms[0]
     assert rms[1] < 0.04
+
+
+@pytest.mark.parametrize(("to_degC", "less"), [(86.0, 0.3), (None, 1.02)])
+def test_the_first_rows_after_a_gap_tell_what_the_film_went_through(to_degC: float | None, less: float) -> None:
+    time, v, y = with_an_excursion(to_degC)
+    record = record_from_arrays({"time_s": time, "temperature_degC": v, "resistance_ohm": 10.0**-y})
+    model = Model(is_prandtl_ishlinskii(1), None)
+    straight = rig.predict(model, record, initial="cooled")
+    assert any("1 gap in which the temperature is unknown, the longest of 200 s" in note for note in straight.notes)
+    fitted = rig.predict(model, record, initial="fitted")
+    assert fitted.rmse_dec is not None
+    assert straight.rmse_dec is not None
+    assert fitted.rmse_dec < less * straight.rmse_dec
+    went = "no excursion" if to_degC is None else "as if the temperature had gone to"
+    assert any(went in note for note in fitted.notes)
+    if to_degC is None:
+        assert fitted.rmse_dec == pytest.approx(NOISE, rel=0.1)
+
+
+def test_a_record_without_gaps_has_no_note() -> None:
+    time, v, y = (column[:800] for column in with_an_excursion(None))
+    record = record_from_arrays({"time_s": time, "temperature_degC": v, "resistance_ohm": 10.0**-y})
+    assert rig.predict(Model(is_prandtl_ishlinskii(1), None), record).notes == ()

@@ -1,10 +1,9 @@
-"""repeat = N: each repetition in a folder, what was learned beside it; replayed to the bit; begun from another run."""
+"""repeat = N, replayed to the bit and begun from another run; memory = "estimate": no hot excursion."""
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +15,11 @@ from compensator.thermal.plate import PlateModel
 from rig.config.target import Target
 from rig.control.decision import ReadAt
 from rig.control.policies import Follow
+from rig.records.record_file import read_record
 from tests.compensator.film_models import TEN_OPERATORS as FILM
+from tests.peltier import Peltier
 from tests.rig.small import write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
@@ -28,16 +28,14 @@ def test_a_run_that_learns(tmp_path: Path, peltier: Peltier) -> None:
     path = write_bench(tmp_path, target=target)
     path.write_text(path.read_text().replace("settle_s", "repeat = 3\nsettle_s"))
     run = tmp_path / "run"
-    status, out, err = peltier("run", path, "--out", run, "--json", "-")
-    assert status == 0, err
+    out = peltier.succeeds("run", path, "--out", run, "--json", "-")
     assert len(json.loads(out)["repeated"]) == 2
     folders = [run / "repeat_1", run / "repeat_2", run]
     assert [(folder / "correction.csv").is_file() for folder in folders] == [False, True, True]
     for folder in folders:
         assert (folder / "report.html").is_file()
         assert json.loads((folder / "run.json").read_text())["stop"]["reason"] == "done"
-        status, out, err = peltier("replay", folder, "--json", "-")
-        assert status == 0, err
+        out = peltier.succeeds("replay", folder, "--json", "-")
         assert json.loads(out)["different"] == 0, folder
         assert json.loads(out)["compared"] > 100
     used, learned = (
@@ -52,8 +50,7 @@ def test_a_run_that_learns(tmp_path: Path, peltier: Peltier) -> None:
         assert abs(last - 8e3) < 1.0
 
     path.write_text(path.read_text().replace("repeat = 3", f'repeat = 1\nlearned = "{run}"'))
-    status, _, err = peltier("run", path, "--out", tmp_path / "again")
-    assert status == 0, err
+    peltier.succeeds("run", path, "--out", tmp_path / "again")
     begun = np.loadtxt(tmp_path / "again" / "correction.csv", delimiter=",", skiprows=1)
     assert np.allclose(begun, np.loadtxt(run / "learned.csv", delimiter=",", skiprows=1))
 
@@ -76,9 +73,7 @@ def test_what_cannot_be_repeated_is_refused_before_anything_runs(
     path.write_text(path.read_text().replace("settle_s", f"{keys}\nsettle_s"))
     model = tmp_path / "model.toml"
     model.write_text(model.read_text() + effects)
-    status, _, err = peltier("run", path, "--out", tmp_path / "run")
-    assert status == 2
-    assert expected in err
+    assert expected in peltier.fails("run", path, "--out", tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
@@ -108,3 +103,18 @@ def test_a_law_that_knows_what_its_model_lacks_goes_as_if_the_film_were_its_mode
         )
         assert mine.current_A == pytest.approx(other.current_A, abs=1e-6)
         assert mine.target_ohm == pytest.approx(10.0 ** -float(wanted.at(0.1 * k + read.after_s)))
+
+
+@pytest.mark.parametrize("memory", ["estimate", "assume"])
+def test_a_film_is_taken_where_it_is(tmp_path: Path, peltier: Peltier, memory: str) -> None:
+    target = '["start 20 kohm", "hold 6 s", "ramp to 12 kohm in 10 s", "hold 4 s", "ramp to 18 kohm in 10 s"]'
+    path = write_bench(tmp_path, target=target)
+    path.write_text(path.read_text().replace("settle_s", f'memory = "{memory}"\nsettle_s'))
+    run = tmp_path / "run"
+    peltier.succeeds("run", path, "--out", run)
+    record = read_record(run / "record.csv", needs=(), options=False)
+    assert set(record.text_columns["phase"]) == {"polarity", "settle", "track"}
+    assert np.nanmax(record["temperature_degC"]) < 75.0  # the hot end is at 90
+    out = peltier.succeeds("replay", run, "--json", "-")
+    assert json.loads(out)["different"] == 0
+    assert json.loads(out)["compared"] > 250

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rig.records.record_file import read_record
+from tests.peltier import Peltier
 from tests.rig.small import MODEL, write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 CURRENTS = '["start 1 A", "hold 5 s", "ramp to 2 A in 10 s", "hold 5 s"]'
 
 
@@ -24,8 +23,7 @@ def of_kind(folder: Path, kind: str, target: str, **more: str) -> Path:
 
 def test_a_current_profile_is_exact_at_its_rows(tmp_path: Path, peltier: Peltier) -> None:
     path = of_kind(tmp_path, "current_profile", CURRENTS)
-    status, out, _ = peltier("simulate", path, "--seed", 3, "--json", "-", "--out", tmp_path / "r.csv")
-    assert status == 0
+    out = peltier.succeeds("simulate", path, "--seed", 3, "--json", "-", "--out", tmp_path / "r.csv")
     assert json.loads(out)["effects"] == []
     record = read_record(tmp_path / "r.csv")
     assert record.rows == 200
@@ -81,8 +79,7 @@ def test_closed_loop_whatever_the_ports(tmp_path: Path, peltier: Peltier, kind: 
     target = '["start 60 degC", "hold 4 s"]' if kind != "track_resistance" else '["start 9 kohm", "hold 4 s"]'
     path = of_kind(tmp_path, kind, target, time="real", controller="/dev/ttyUSB0", meter="/dev/ttyUSB1")
     words = ("--effect", "film_lag:tau_s=1", "--effect", "sensor_lag:tau_s=0.5", "--effect", "timestamp_skew:skew_s=-1")
-    status, out, _ = peltier("simulate", path, *words, "--out", tmp_path / "r.csv")
-    assert status == 0
+    out = peltier.succeeds("simulate", path, *words, "--out", tmp_path / "r.csv")
     assert "film_lag: tau_s = 1" in out
     record = read_record(tmp_path / "r.csv")
     for name in ("temperature_degC", "resistance_ohm", "current_A", "meter_current_A", "setpoint_degC"):
@@ -96,8 +93,7 @@ def test_effects_of_configuration_film_and_command_line(tmp_path: Path, peltier:
     path.write_text(path.read_text() + '\n[[simulation.effects]]\nname = "creep"\nshare = 0.1\n')
     with (tmp_path / "model.toml").open("a") as model:
         model.write('\n[[effects]]\nname = "meter_lag"\ntau_s = 0.5\n')
-    status, out, _ = peltier("simulate", path, "--effect", "series_resistance", "--out", tmp_path / "r.csv")
-    assert status == 0
+    out = peltier.succeeds("simulate", path, "--effect", "series_resistance", "--out", tmp_path / "r.csv")
     told = out.splitlines()
     effects = [
         "creep: share = 0.1, tau_s = 316.228",
@@ -105,8 +101,7 @@ def test_effects_of_configuration_film_and_command_line(tmp_path: Path, peltier:
         "meter_lag: tau_s = 0.5",
     ]
     assert told[1:4] == effects
-    status, _, err = peltier("simulate", path, "--effect", "meter_lag", "--out", tmp_path / "r.csv")
-    assert status == 2
+    err = peltier.fails("simulate", path, "--effect", "meter_lag", "--out", tmp_path / "r.csv")
     assert "meter_lag: switched on twice" in err
 
 
@@ -132,7 +127,5 @@ def test_a_trip_keeps_the_rows(tmp_path: Path, peltier: Peltier) -> None:
     """The interlock watches a simulated rig too: the record ends there, with the trip's exit status."""
     path = write_bench(tmp_path, limits="[10, 74]", more="[calibration]\ntemperature_degC = [40, 73]\n")
     words = ("--effect", "sensor_lag:tau_s=8", "--effect", "actuator_delay:delay_s=4", "--out", tmp_path / "r.csv")
-    status, _, err = peltier("simulate", path, *words)
-    assert status == 10
-    assert "output off, confirmed" in err
+    assert "output off, confirmed" in peltier.fails("simulate", path, *words, status=10)
     assert read_record(tmp_path / "r.csv").rows > 10

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import random
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -19,9 +18,9 @@ from rig.control.loop import Loop
 from rig.experiment.run_record import Session, one_run
 from rig.safety.signals import SignalStop
 from rig.version import __version__, source_digest
+from tests.peltier import Peltier
 from tests.rig.small import write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("undrawn", "computed_here")
 SWEEP = """
 [sweep]
@@ -47,8 +46,7 @@ def test_a_sweep_and_its_second_half(tmp_path: Path, peltier: Peltier) -> None:
     assert len(list((tmp_path / "s").glob("record_*.csv"))) == 4
     journal.write_text("".join(lines[:2]) + lines[2][:30])  # killed in the middle of a line
     table.unlink()
-    status, _, err = peltier(*words)
-    assert status == 0
+    peltier.succeeds(*words)
     assert table.read_text() == whole
     assert journal.read_text().startswith("".join(lines[:2]))
     assert len(journal.read_text().splitlines()) == 4
@@ -56,9 +54,7 @@ def test_a_sweep_and_its_second_half(tmp_path: Path, peltier: Peltier) -> None:
         assert list(file.variables["number"][:]) == [0.0, 1.0, 2.0, 3.0]
         assert [b"".join(text).rstrip(b"\0") for text in file.variables["effects"][:]][-1] == b"film_lag:tau_s=1"
     path.write_text(path.read_text().replace("tau_s=1", "tau_s=2"))
-    status, _, err = peltier(*words)
-    assert status == 2
-    assert "is of other cases" in err
+    assert "is of other cases" in peltier.fails(*words)
 
 
 @pytest.mark.parametrize(
@@ -73,25 +69,18 @@ def test_a_simulation_is_the_same_each_time(tmp_path: Path, peltier: Peltier, co
     records = []
     for seed in (1, 2, 3):
         random.seed(seed)  # as of another process
-        status, _, err = peltier("simulate", path, "--out", tmp_path / f"{seed}.csv")
-        assert status == 0, err
+        peltier.succeeds("simulate", path, "--out", tmp_path / f"{seed}.csv")
         records.append((tmp_path / f"{seed}.csv").read_bytes())
     assert records[0] == records[1] == records[2]
 
 
 def test_a_sweep_that_cannot_be_is_refused(tmp_path: Path, peltier: Peltier) -> None:
     path = write_bench(tmp_path, more=SWEEP.replace("film_lag:tau_s=1", "film_lg"))
-    status, _, err = peltier("sweep", path, "--out", tmp_path / "s")
-    assert status == 2
-    assert "did you mean 'film_lag'?" in err
+    assert "did you mean 'film_lag'?" in peltier.fails("sweep", path, "--out", tmp_path / "s")
     path.write_text(path.read_text().replace("film_lg", "film_lag").replace("control.ms", "control.sm"))
-    status, _, err = peltier("sweep", path, "--out", tmp_path / "s")
-    assert status == 2
-    assert "control.sm: unknown key" in err
+    assert "control.sm: unknown key" in peltier.fails("sweep", path, "--out", tmp_path / "s")
     path.write_text(path.read_text().replace("[sweep]", "[sweep]\nworkers = 2"))
-    status, _, err = peltier("sweep", path, "--out", tmp_path / "s")
-    assert status == 2
-    assert f"{path}: sweep.workers: unknown key" in err
+    assert f"{path}: sweep.workers: unknown key" in peltier.fails("sweep", path, "--out", tmp_path / "s")
     assert not (tmp_path / "s").exists()
 
 
@@ -100,8 +89,7 @@ def test_replay_gives_the_same_commands_and_another_law_runs_on_the_twin(tmp_pat
     with (tmp_path / "model.toml").open("a") as model:
         model.write('\n[[effects]]\nname = "film_lag"\ntau_s = 1.0\n')
     assert peltier("run", path, "--out", tmp_path / "run")[0] == 0
-    status, out, _ = peltier("replay", tmp_path / "run", "--json", "-")
-    assert status == 0
+    out = peltier.succeeds("replay", tmp_path / "run", "--json", "-")
     assert json.loads(out)["different"] == 0
     assert json.loads(out)["compared"] > 400
     rows = (tmp_path / "run" / "record.csv").read_text().splitlines()
@@ -110,8 +98,7 @@ def test_replay_gives_the_same_commands_and_another_law_runs_on_the_twin(tmp_pat
     (tmp_path / "run" / "record.csv").write_text("\n".join([*rows[:-50], ",".join(fields), *rows[-49:]]) + "\n")
     assert peltier("replay", tmp_path / "run")[0] == 1
     path.write_text(path.read_text().replace("period_s = 0.1", "period_s = 0.2"))
-    status, out, _ = peltier("replay", tmp_path / "run", "--config", path, "--out", tmp_path / "twin.csv")
-    assert status == 0
+    out = peltier.succeeds("replay", tmp_path / "run", "--config", path, "--out", tmp_path / "twin.csv")
     assert "rms_dec" in out
 
 
@@ -157,8 +144,7 @@ def test_a_run_of_another_version_says_so(finished_run: Path, peltier: Peltier) 
     assert document["start"]["versions"]["sources"] == source_digest()
     document["start"]["versions"] |= {"peltier-rig": "0.0.9", "sources": "0123456789abcdef"}
     (finished_run / "run.json").write_text(json.dumps(document))
-    status, out, _ = peltier("replay", finished_run)
-    assert status == 0
+    out = peltier.succeeds("replay", finished_run)
     assert f"the run was made with peltier-rig 0.0.9, this is {__version__}: bits may differ" in out
     assert f"made with sources 0123456789abcdef, this is {source_digest()}" in out
 
@@ -217,8 +203,7 @@ def test_a_law_of_the_users_own_is_replayed_from_the_run_folder(
     assert status == 1
     assert "0 of 40 commands are the same" in out
     (run / "ramp_law.py").write_text(f"import not_there\n{LAW}")
-    status, _, err = peltier("replay", run)
-    assert status == 2
+    err = peltier.fails("replay", run)
     assert err == (
         f"{run / 'ramp_law.py'}: Ramp cannot be made again: ModuleNotFoundError: No module named 'not_there'; "
         "expected the file as it ran, with what it imports beside it\n"
@@ -230,7 +215,6 @@ def test_a_law_that_stands_in_no_file_is_said_not_to_be_kept(tmp_path: Path, pel
     names: dict[str, Any] = {"__name__": "__main__"}
     exec(LAW, names)
     run = own_run(tmp_path, names["Ramp"](0.01), "alone")
-    status, _, err = peltier("replay", run)
-    assert status == 2
+    err = peltier.fails("replay", run)
     assert "phase 'alone': its law is not in the run folder: it stands in" in err
     assert "expected its class in a file of its own" in err

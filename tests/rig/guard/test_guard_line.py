@@ -86,9 +86,7 @@ def test_a_message_in_two_writes_stays_in_one_piece(pipe: tuple[int, GuardPipe])
     assert [json.loads(line) for line in whole] == [{"event": "records", "folder": folder}]
 
 
-def test_a_guard_that_reads_nothing_for_long_does_not_watch(
-    pipe: tuple[int, GuardPipe], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_guard_that_reads_nothing_is_gone(pipe: tuple[int, GuardPipe], monkeypatch: pytest.MonkeyPatch) -> None:
     reader, writer = pipe
     fill(writer)
     monkeypatch.setattr(guard_line, "DEAF_S", 0.2)

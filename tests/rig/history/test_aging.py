@@ -44,9 +44,7 @@ def labels(path: Path, table: str = "raw", column: str = "time_s") -> list[float
 
 @pytest.mark.parametrize("off_days", [4000.0, -20000.0])
 @pytest.mark.parametrize("restarts", [False, True])
-def test_a_clock_that_is_wrong_for_75_s_deletes_nothing_and_is_told(
-    tmp_path: Path, off_days: float, restarts: bool
-) -> None:
+def test_a_clock_wrong_for_75_s_deletes_nothing_and_is_told(tmp_path: Path, off_days: float, restarts: bool) -> None:
     path, off_s = tmp_path / "h.sqlite", off_days * DAY_S
     before = even(NOON_S, 1.5 * DAY_S, 60.0)
     end_s, clock_s = NOON_S + 1.5 * DAY_S, 1.5 * DAY_S

@@ -181,9 +181,7 @@ def stored_times(path: Path) -> set[float]:
 
 
 @pytest.mark.parametrize("how", ["deleted", "moved", "replaced", "the file alone"])
-def test_a_history_that_goes_from_its_place_is_told_and_begun_anew(
-    how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_history_that_is_gone_is_begun_anew(how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """SQLite goes on writing into a file without a name."""
     monkeypatch.setattr("rig.history.writer.TRY_AGAIN_S", 0.0)
     monkeypatch.setattr("rig.history.writer.PART_OF_TIME", 0.0)
@@ -360,9 +358,7 @@ def test_a_memory_that_is_full_is_told_and_holds_up_nobody(tmp_path: Path, monke
     assert stored_times(path) == {NOON_S + k for k in range(100)}
 
 
-def test_a_history_that_was_moved_before_the_end_ends_without_a_traceback(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_history_moved_before_the_end_ends_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fallen: list[Any] = []
     monkeypatch.setattr("threading.excepthook", fallen.append)
     path, told = tmp_path / "h.sqlite", Told()
@@ -388,9 +384,7 @@ def test_what_comes_while_nothing_waits_in_a_rest_is_written_after_it(tmp_path: 
         writer.stop()
 
 
-def test_rows_that_a_slow_disk_has_cost_are_told_when_it_has_caught_up(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rows_that_a_slow_disk_has_cost_are_told_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that is slow and does not fail: a gap in the history must not be news at the daemon's end alone."""
     monkeypatch.setattr("rig.history.writer.MOST_WAITING", 10)
     monkeypatch.setattr("rig.history.writer.ROOM_S", 0.05)
@@ -409,9 +403,7 @@ def test_rows_that_a_slow_disk_has_cost_are_told_when_it_has_caught_up(
         writer.stop()
 
 
-def test_who_reads_without_an_end_is_named_and_the_log_grows_slowly(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_endless_reader_is_named_and_the_log_grows_slowly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """SQLite cannot begin its log anew while somebody reads: at ten rows a second it takes gigabytes a day."""
     monkeypatch.setattr("rig.history.writer.MUCH_LOG_BYTES", 100_000)
     monkeypatch.setattr("rig.history.writer.RETAIN_EVERY_S", 0.0)
@@ -533,18 +525,6 @@ def test_nothing_that_was_shown_is_lost_by_a_kill(tmp_path: Path) -> None:
     assert shown <= stored_times(path)
 
 
-def test_jobs_and_trips_are_kept(tmp_path: Path) -> None:
-    store = Store(tmp_path / "h.sqlite", Retention())
-    for k in range(5):
-        store.save_job({"id": str(k), "queued_s": float(k), "state": "queued"})
-    store.save_job({"id": "2", "queued_s": 2.0, "state": "done"})
-    assert [job["state"] for job in store.jobs(3)] == ["done", "queued", "queued"]
-    number = store.save_trip({"at_s": 5.0, "cause": "x"})
-    assert store.save_trip({"at_s": 5.0, "cause": "x", "cleared_s": 6.0}, number) == number
-    assert store.last_trip() == (number, {"at_s": 5.0, "cause": "x", "cleared_s": 6.0})
-    store.close()
-
-
 def test_a_reader_cannot_write(tmp_path: Path) -> None:
     store = stored(tmp_path / "h.sqlite", [row(NOON_S)])
     with pytest.raises(sqlite3.OperationalError, match="readonly"):
@@ -552,9 +532,7 @@ def test_a_reader_cannot_write(tmp_path: Path) -> None:
     store.close()
 
 
-def test_a_folder_has_one_writer_with_or_without_room_for_its_lock(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_has_one_writer_room_for_its_lock_or_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = FolderLock(tmp_path / "kept"), FolderLock(tmp_path / "kept")
     first.take()
     first.take()  # it has it already

@@ -24,11 +24,11 @@ from rig.core.faults import python_words
 from rig.core.outcome import NotConfirmedOff
 from rig.drivers.meerstetter import MeerstetterController
 from rig.records.record_file import write_columns
+from tests.peltier import Peltier
 from tests.rig.control.test_ways_out import at_row
 from tests.rig.drivers.disobedient import Disobedient
 from tests.rig.small import MODEL, write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 PROFILE = ["start 1.1 A", "sine 1.7 A period 120 s for 240 s"]
 
 
@@ -104,8 +104,7 @@ def test_the_same_as_the_verbs(record: rig.Record, tmp_path: Path, peltier: Pelt
     path, model, target = (tmp_path / name for name in ("r.csv", "m.toml", "t.csv"))
     write_columns(path, record.columns)
     found = rig.identify(path)
-    status, out, _ = peltier("identify", path, "--out", model, "--json", tmp_path / "i.json")
-    assert status == 0
+    out = peltier.succeeds("identify", path, "--out", model, "--json", tmp_path / "i.json")
     assert list(found.lines) == out.splitlines()[:-1]
     rig.write_model(tmp_path / "mine.toml", found)
     assert rig.read_model(tmp_path / "mine.toml").film is not None
@@ -250,9 +249,7 @@ def test_a_signal_waits_while_the_output_is_switched_off(bench_file: Path, monke
     assert kept == [False]
 
 
-def test_a_signal_in_a_run_is_what_a_notebook_expects(
-    bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_signal_in_a_run_is_an_interrupt(bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     at_row(monkeypatch, 20, lambda: signal.raise_signal(signal.SIGINT))
     with pytest.raises(KeyboardInterrupt), rig.open_bench(bench_file) as bench:
         bench.run(tmp_path / "run", target=["start 20 kohm", "hold 5 s"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import pty
 import subprocess
@@ -226,16 +225,6 @@ def test_a_held_port_says_by_whom() -> None:
         assert held.value.exit_status == 75
         other.communicate()
     open_port(path, LINE).close()
-    os.close(master)
-    os.close(slave)
-
-
-def test_a_port_is_locked_while_it_is_open() -> None:
-    master, slave = pty.openpty()
-    port = open_port(os.ttyname(slave), LINE)
-    with pytest.raises(BlockingIOError):
-        fcntl.flock(slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    port.close()
     os.close(master)
     os.close(slave)
 

@@ -6,7 +6,6 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,9 +13,9 @@ import pytest
 from rig.core.faults import Faults
 from rig.core.file_writing import naming_file, write_text
 from rig.records.record_file import read_record, write_columns
+from tests.peltier import Peltier
 from tests.rig.small import MODEL, no_file_above
 
-Peltier = Callable[..., tuple[int, str, str]]
 RECORD = "time_s,temperature_degC,resistance_ohm\n" + "".join(f"{k},{20 + k},{1000 - k}\n" for k in range(60))
 FULL = Path("/dev/full")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from rig.records.record import Record
 from rig.records.record_file import RowOrder, read_record
 from tests.rig.records.reading import read, refusal
 
-Peltier = Callable[..., tuple[int, str, str]]
 END = "***End_of_Header***"
 COUNT = 30
 DEGC, OHM = 25.0 + np.arange(COUNT), 1e5 / (1.0 + np.arange(COUNT))

@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
-from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -20,9 +19,9 @@ from rig.notebook.files import as_records
 from rig.records.branches import join_branches
 from rig.records.record import Record, Refused
 from rig.records.record_file import RowOrder
+from tests.peltier import Peltier
 from tests.rig.records.reading import read, refusal
 
-Peltier = Callable[..., tuple[int, str, str]]
 HALF = 150  # rows of a branch
 HEATING_DEGC, COOLING_DEGC = 66.0, 60.0  # where this film is steepest
 
@@ -81,9 +80,7 @@ def test_a_table_without_times_is_asked_for_the_order_of_its_rows(tmp_path: Path
 
 
 @pytest.mark.parametrize("words", [("--column", "time_s=row"), ("--period", "0.5")])
-def test_no_rates_of_a_table_without_times(
-    tmp_path: Path, peltier: Peltier, loop: tuple, words: tuple[str, ...]
-) -> None:
+def test_no_rates_of_rows_without_times(tmp_path: Path, peltier: Peltier, loop: tuple, words: tuple[str, ...]) -> None:
     """The ramps of a published table would be those of its rows, 1 K/s."""
     path = tmp_path / "loop.csv"
     path.write_text("T (C),R (Ohm)\n" + rows_of(*loop))
@@ -99,10 +96,9 @@ def test_times_without_a_clock_are_no_times_of_a_diagnosis_or_a_plate(tmp_path: 
     path = tmp_path / "plate.csv"
     path.write_text("T (C),I (A)\n" + rows_of(25.0 + np.arange(40.0) % 7, np.arange(40.0) % 3))
     for verb in ("diagnose", "identify"):
-        status, _, err = peltier(verb, path, "--column", "time_s=row")
-        assert status == 2
+        err = peltier.fails(verb, path, "--column", "time_s=row")
         assert "times" in err.splitlines()[-1] or "current_A" in err.splitlines()[-1]
-    status, _, err = peltier("diagnose", path, "--column", "time_s=row")
+    err = peltier.fails("diagnose", path, "--column", "time_s=row")
     assert "a diagnosis needs them: expected --period SECONDS" in err
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shlex
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +16,9 @@ from rig.records.column_names import ColumnMapping
 from rig.records.conversion import record_from_arrays
 from rig.records.record_file import read_record, write_columns
 from rig.records.table import frame_columns
+from tests.peltier import Peltier
 from tests.rig.records import ways
 from tests.rig.records.reading import NEEDS, read, refusal
-
-Peltier = Callable[..., tuple[int, str, str]]
 
 
 def test_forty_ways_of_writing_one_record(tmp_path: Path) -> None:
@@ -301,8 +299,7 @@ def test_bad_files_get_a_line_each(peltier: Peltier, file: Path, content: str | 
 def test_broken_workbooks(peltier: Peltier, tmp_path: Path, name: str, expected: str) -> None:
     pytest.importorskip("openpyxl")
     (tmp_path / name).write_bytes(b"PK\x03\x04 this is none" * 40)
-    status, _, err = peltier("identify", tmp_path / name)
-    assert status == 2
+    err = peltier.fails("identify", tmp_path / name)
     assert expected in err
     assert len(err.splitlines()) == 1
 
@@ -331,9 +328,7 @@ def test_a_workbook_that_says_a_wrong_size_of_its_sheet_is_read_whole(tmp_path: 
     assert list(record["temperature_degC"]) == [25.0 + k for k in range(10)]
 
 
-def test_packed_files_far_too_large_are_refused(
-    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_packed_files_too_large_are_refused(peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     openpyxl = pytest.importorskip("openpyxl")
     openpyxl.Workbook().save(tmp_path / "a.xlsx")
     scipy.io.savemat(tmp_path / "a.mat", {"time_s": np.zeros(2000)}, do_compression=True)
@@ -355,15 +350,11 @@ def test_a_matlab_file_on_which_its_reader_dies_is_refused(peltier: Peltier, tmp
     assert (status, err) == (2, f"{file}: cannot be read as .mat: its sizes and kinds do not fit its bytes\n")
 
 
-def test_a_workbook_without_its_reader_says_what_to_install(
-    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_openpyxl_missing_is_told(peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("openpyxl", "openpyxl.reader.excel"):  # the second one too, where another test has read a workbook
         monkeypatch.setitem(__import__("sys").modules, name, None)
     (tmp_path / "a.xlsx").write_bytes(b"PK")
-    status, _, err = peltier("identify", tmp_path / "a.xlsx")
-    assert status == 2
-    assert "pip install 'openpyxl>=3.1'" in err
+    assert "pip install 'openpyxl>=3.1'" in peltier.fails("identify", tmp_path / "a.xlsx")
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.peltier import Peltier
 from tests.rig.records.reading import read, refusal
 
 SECONDS = np.array([0.0, 1.007, 2.049, 3.090, 4.12, 5.5, 6.507])
@@ -98,14 +98,11 @@ def test_a_file_with_the_newest_row_first_is_told_as_that(file: Path) -> None:
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])
-def test_a_current_that_is_written_only_where_it_changes(
-    tmp_path: Path, peltier: Callable[..., tuple[int, str, str]], verb: str
-) -> None:
+def test_a_current_that_is_written_only_where_it_changes(tmp_path: Path, peltier: Peltier, verb: str) -> None:
     """As merged cells of a workbook are, too. "max() arg is an empty sequence" was all that a diagnosis said."""
     path = tmp_path / "a.csv"
     rows = [f"{k},{25 + 0.1 * k},{0.5 if k % 20 == 0 else ''}" for k in range(100)]
     path.write_text("\n".join(["time_s,temperature_degC,current_A", *rows]) + "\n")
-    status, _, err = peltier(verb, path)
-    assert status == 2
+    err = peltier.fails(verb, path)
     expected = "stands in 5 of 100 rows, nowhere in three one after the other; expected in each: fill it down"
     assert err.startswith(f"{path}: current_A: {expected}")

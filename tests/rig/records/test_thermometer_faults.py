@@ -16,6 +16,7 @@ from rig.analysis.transition import believed_degC, film_numbers
 from rig.records.record import Record
 from rig.records.record_file import write_columns
 from rig.records.thermometer_faults import find_false_readings
+from tests.peltier import Peltier
 from tests.rig.records.rounded_records import Array, changed, clean, film_loop, frozen, plate_run
 
 VALUES = (-127.0, 0.0, 85.0, -200.0, 850.0, -242.02, 1372.0, 999.0, 2047.75, 988.79)
@@ -179,7 +180,7 @@ def test_where_the_model_is_far_off_no_number_is_stated() -> None:
     assert re.search(r"the film model misses this record by \d+ times the noise", str(found))
 
 
-def test_the_verbs_name_the_rows(peltier: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+def test_the_verbs_name_the_rows(peltier: Peltier, tmp_path: Path) -> None:
     """On the command line: identify, predict and diagnose, each on the same record."""
     path = tmp_path / "film.csv"
     film = frozen(film_loop(), 317, 397)

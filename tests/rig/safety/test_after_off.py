@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,9 +13,9 @@ from compensator.thermal.plate import PlateModel
 from rig.safety.plate_watch import KnownPlate, PlateWatch
 from rig.safety.switching_off import HeldSetpoint, OffCheck, curves_from_table, curves_of_plate
 from sim.world.plant import SimulatedPlant
+from tests.peltier import Peltier
 from tests.rig.small import write_bench
 
-Peltier = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("undrawn")
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
 

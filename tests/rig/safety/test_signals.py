@@ -17,9 +17,8 @@ import pytest
 from rig.core.outcome import Stopped
 from rig.drivers.meerstetter import MeerstetterController
 from rig.safety.signals import SignalStop
+from tests.peltier import Peltier
 from tests.rig.small import write_bench
-
-Peltier = Callable[..., tuple[int, str, str]]
 
 SOON_S = 20.0
 COMPILER = '''
@@ -111,8 +110,7 @@ def test_a_signal_in_the_middle_of_an_off_ends_the_run(
         return whole(self)
 
     monkeypatch.setattr(MeerstetterController, "_reads_off", reads_off)
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 130
+    err = peltier.fails("run", write_bench(tmp_path), "--out", tmp_path / "run", status=130)
     assert "stopped by SIGINT" in err
     assert "output off, confirmed by the controller" in err
     rows = [row for path in tmp_path.glob("run*/record.csv") for row in path.read_text().splitlines()[1:]]
@@ -138,10 +136,7 @@ minor_loops = 2
     assert "all recorded, and nothing fitted" in (part / "report.html").read_text()
 
 
-def test_a_signal_while_the_report_is_written(
-    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
-) -> None:
+def test_a_signal_while_a_report_is_written(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
     monkeypatch.setattr("rig.report.run.write_live_report", lambda *_: signal.raise_signal(signal.SIGTERM))
-    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 143
+    err = peltier.fails("run", write_bench(tmp_path), "--out", tmp_path / "run", status=143)
     assert f"; what was recorded is in {tmp_path / 'run.part'}" in err

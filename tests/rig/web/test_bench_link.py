@@ -68,9 +68,7 @@ def test_a_caller_without_a_name_is_no_user_of_this_computer(tmp_path: Path, ben
 
 
 @pytest.mark.parametrize("body", [b'{"press": "' + b"p" * 500 + b'"}', b'{"press": 5}', b"\xff", b""])
-def test_a_stop_is_one_however_its_address_is_written_and_whatever_its_body_is(
-    tmp_path: Path, bench: Noting, body: bytes
-) -> None:
+def test_a_stop_is_one_whatever_its_address_and_body_are(tmp_path: Path, bench: Noting, body: bytes) -> None:
     through_the_page(tmp_path, "/api/%73top", STOP, body)
     ((method, path, sent, remote),) = bench.asked
     assert (method, path, remote) == ("POST", STOP, "the page (127.0.0.1)")

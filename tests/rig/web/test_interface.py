@@ -158,13 +158,6 @@ def test_metrics_and_health(bench: RunningBench) -> None:
     assert "control cycle" in answer["wrong"][0]
 
 
-def test_the_page_is_served(bench: RunningBench) -> None:
-    status, headers, text = bench.ask_fully("GET", "/")
-    assert status == 200
-    assert b"<html" in text
-    assert headers["x-content-type-options"] == "nosniff"
-
-
 @pytest.mark.parametrize(
     ("headers", "expected"),
     [

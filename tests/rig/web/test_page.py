@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from rig.web.page_server import STATIC
 from tests.rig.daemon.benches import until
 from tests.rig.web.page_bench import PageBench, served
 
@@ -273,13 +272,3 @@ CONTRAST = """node => {
   const [a, b] = [getComputedStyle(node).color, getComputedStyle(under).backgroundColor].map(t => light(parts(t)));
   return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
 }"""
-
-
-def test_nothing_is_inline_and_nothing_comes_from_outside() -> None:
-    text = (STATIC / "index.html").read_text(encoding="utf-8")
-    assert not re.search(r"<script(?![^>]*\bsrc=)", text)
-    assert not re.search(r"\son\w+=|\sstyle=|<style", text)
-    for path in [*STATIC.glob("*.js"), *STATIC.glob("*.css"), STATIC / "index.html"]:
-        found = path.read_text(encoding="utf-8")
-        assert not re.search(r"https?://(?!www\.w3\.org/)", found), path
-        assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\(", found), path

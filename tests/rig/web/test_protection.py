@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
 import math
 import socket
@@ -22,7 +21,6 @@ from rig.config.configuration import Configuration, ConfigurationFile, read_conf
 from rig.config.schema import Table
 from rig.config.toml_file import without_secrets
 from rig.core.faults import Faults
-from rig.core.json_text import parsed_json
 from rig.daemon.client import Client, Refusal
 from rig.daemon.configurations import AT_MOST, FREE, FREE_TABLES, PORTS, WITHIN, admit
 from rig.daemon.http_server import MOST_CONNECTIONS
@@ -366,11 +364,3 @@ def test_nobody_fills_the_log() -> None:
     now_s = 61.0
     assert few.filter(record)
     assert record.getMessage().endswith(f"({1000 - MOST_LINES} lines before this one were left out)")
-
-
-def test_json_that_is_taken() -> None:
-    good = {"a": [1, 2.5, None, True, "é \U0001f321"], "b": {"c": -(2**63)}}
-    assert parsed_json(json.dumps(good).encode()) == good
-    for bad in ("{", "[1,]", '"\\udfff"', "Infinity", "1" * 5000, "[" * 60 + "]" * 60, '{"\\u0000": 1}'):
-        with pytest.raises(ValueError, match="expected"):
-            parsed_json(bad)
