@@ -189,9 +189,7 @@ def replace_python(venv: Path) -> None:
 
 
 @pytest.mark.parametrize(("end", "status"), [(kill_all, -signal.SIGKILL), (ctrl_c, 130)])
-def test_a_set_up_that_was_interrupted_begins_again(
-    checkout: Checkout, end: Callable[[subprocess.Popen[str]], None], status: int
-) -> None:
+def test_an_interrupted_set_up(checkout: Checkout, end: Callable[[subprocess.Popen[str]], None], status: int) -> None:
     """What an installer has left half done looks installed to the next one: each command failed until .venv was deleted
     by hand. Until it is whole, `off` says at once that it switched nothing off."""
     ended, err = checkout.interrupted(end)

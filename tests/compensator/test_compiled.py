@@ -99,9 +99,7 @@ def test_what_is_compiled_is_compiled_once(run: Callable[..., tuple[str, str]], 
         lambda content: hashlib.sha256(pickle.dumps((1, 2))).digest() + pickle.dumps((1, 2)),  # another numba's, whole
     ],
 )
-def test_damaged_files_are_compiled_again(
-    run: Callable[..., tuple[str, str]], tmp_path: Path, damage: Callable[[bytes], bytes]
-) -> None:
+def test_damaged_files(run: Callable[..., tuple[str, str]], tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
     """After a power cut files are empty or cut short; every verb ended in numba's EOFError until they were deleted."""
     run()
     for path in files(tmp_path):

@@ -103,9 +103,7 @@ def test_a_diagnosis_counts_a_residual_in_what_was_measured(name: str) -> None:
     assert left == pytest.approx(expected)
 
 
-def test_a_prediction_says_the_same_sign_in_figures_columns_json_and_words(
-    peltier: Peltier, tmp_path: Path, figures: list[Figure]
-) -> None:
+def test_a_prediction_has_one_sign_everywhere(peltier: Peltier, tmp_path: Path, figures: list[Figure]) -> None:
     path = film_record(tmp_path / "film.csv")
     words = ["--out", tmp_path / "out.csv", "--report", tmp_path / "report", "--json", tmp_path / "out.json"]
     out = peltier.succeeds("predict", tmp_path / "model.toml", path, *words)
@@ -120,9 +118,7 @@ def test_a_prediction_says_the_same_sign_in_figures_columns_json_and_words(
     assert [line.get_ydata().tolist() for line in dots] == [pytest.approx(expected)]  # type: ignore[union-attr]
 
 
-def test_an_identification_draws_the_residual_of_a_plate_with_that_sign(
-    peltier: Peltier, tmp_path: Path, figures: list[Figure]
-) -> None:
+def test_an_identification_has_that_sign_too(peltier: Peltier, tmp_path: Path, figures: list[Figure]) -> None:
     columns = record(25.0, levels(3, 12), 3)
     write_columns(tmp_path / "plate.csv", columns)
     assert peltier("identify", tmp_path / "plate.csv", "--report", tmp_path / "report")[0] == 0

@@ -220,9 +220,7 @@ def test_a_prediction_that_nothing_is_compared_with(peltier: Peltier, tmp_path: 
         (("--first", "60"), True, "--first: 60: expected --initial fitted with it"),
     ],
 )
-def test_an_option_that_cannot_act_is_refused(
-    options: tuple[str, ...], current: bool, said: str, peltier: Peltier, tmp_path: Path
-) -> None:
+def test_useless_options(options: tuple[str, ...], current: bool, said: str, peltier: Peltier, tmp_path: Path) -> None:
     (tmp_path / "model.toml").write_text(MODEL)
     time = np.arange(100.0)
     columns = {"time_s": time, "temperature_degC": 50.0 + time / 9.0, "resistance_ohm": 1e4 + time}

@@ -77,9 +77,7 @@ def test_what_is_no_daemon_is_to_be_ended(peltier: Peltier, tmp_path: Path, monk
     assert err.endswith("Switch the controller off by hand.\n")
 
 
-def test_every_daemon_is_stopped_before_a_disk_that_may_be_full_is_written(
-    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_stop_comes_before_writing(peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of two benches, the second would go on heating because the first one's answer does not fit on a disk."""
     monkeypatch.delenv("PELTIER_SOCKET", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))

@@ -117,9 +117,7 @@ def test_an_end_before_it_is_ready_is_told_to_systemd(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("left", ["not confirmed", "gone since", "contradicted"])
-def test_an_end_while_the_output_is_unknown_says_of_which_controller(
-    left: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_end_with_an_unknown_output_names_it(left: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where its port has gone since: nobody has confirmed the off that was not confirmed before."""
     commands = cast(CommandQueue, Mock(contradicted=left == "contradicted", wake=threading.Event()))
     table = SimpleNamespace(port="/dev/one", dead_man_s=5.0)

@@ -185,9 +185,7 @@ def until_plugged_in(bench: RunningBench, before: TemperatureController) -> None
     )
 
 
-def test_instruments_that_are_lost_end_the_job_and_come_back_with_the_output_off(
-    bench: RunningBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lost_instruments_end_the_job_and_come_back_off(bench: RunningBench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rig.daemon.supervisor.TRY_AGAIN_S", 0.05)
     number = submit(bench, '["start 0.5 A", "hold 60 s"]', "long")
     bench.until_phase("profile")
@@ -259,9 +257,7 @@ def test_a_job_that_is_ended_without_its_thread_leaves_the_bench_to_the_idle_loo
     bench.until_state("idle")
 
 
-def test_an_output_that_is_not_confirmed_off_is_told_before_a_report_is_drawn(
-    bench: RunningBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unconfirmed_off_is_told_before_drawing(bench: RunningBench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever waits at `peltier run` has to go and switch off by hand: drawing takes seconds to minutes."""
     draws, drawn = threading.Event(), threading.Event()
 

@@ -229,9 +229,7 @@ def test_no_line_is_drawn_over_a_gap_in_the_films_plane(tmp_path: Path) -> None:
         assert len(found) <= points + 6
 
 
-def test_a_memory_that_is_not_caught_up_with_is_not_told_as_where_the_film_stands(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_memory_behind_its_rows_is_not_told_as_present(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's process is begun again after a week's run: its first questions go through the rows of the week."""
     from rig.web import app
 

@@ -131,9 +131,7 @@ def test_an_unreadable_latch_is_a_trip(file: ConfigurationFile, how: str, monkey
         assert word(commands) == "idle"
 
 
-def test_a_trip_is_on_disk_before_it_is_told_and_a_reset_before_a_job_may_start(
-    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_trip_and_a_reset_are_on_disk_before_told(file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch) -> None:
     found: list[tuple[str, str, str]] = []
 
     def slowly(path: Path, kept: Entry) -> None:
@@ -161,9 +159,7 @@ def test_a_trip_is_on_disk_before_it_is_told_and_a_reset_before_a_job_may_start(
     assert told[0] == ("trip", "tripped")
 
 
-def test_an_off_that_the_temperature_contradicted_is_not_believed_by_a_stop_either(
-    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_contradicted_off_is_not_believed_by_stop(file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch) -> None:
     with life(file) as commands:
         monkeypatch.setattr(commands.output_lock, "stop", lambda why: Off(True, 0.0))
         commands.contradicted = True
@@ -278,9 +274,7 @@ def ended_job(number: str, folder: Path, **more: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("how", ["fails", "hangs"])
-def test_stop_switches_off_whatever_the_disk_with_the_runs_does(
-    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch, how: str
-) -> None:
+def test_stop_switches_off_on_a_dead_disk(file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch, how: str) -> None:
     """Runs on a network's disk that is gone: whoever presses STOP must not wait for it with the heater on."""
     with life(file) as commands:
         output = Output()
@@ -326,9 +320,7 @@ def test_a_report_that_was_written_after_the_daemon_ended_is_found(file: Configu
         assert (commands.queue.last_ended() or {})["report"] == "/runs/old/report.html"
 
 
-def test_no_job_starts_between_finding_and_latching_that_an_output_was_left_on(
-    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_job_starts_before_a_left_output_latches(file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch) -> None:
     """The history could not be read at the start: what it says is latched with the next rows, and a job that waits
     would begin before them."""
     folder = file.path.parent / "left.part"

@@ -35,9 +35,7 @@ def test_both_registries_have_the_same_names() -> None:
 
 
 @pytest.mark.parametrize("name", CONTROLLERS + METERS)
-def test_an_emulator_talks_at_the_speed_that_its_driver_expects(
-    attach: Attach, clock: VirtualClock, plant: StillPlant, name: str
-) -> None:
+def test_an_emulator_has_its_drivers_speed(attach: Attach, clock: VirtualClock, plant: StillPlant, name: str) -> None:
     instrument = emulated(name, plant)
     driver = opened(name, attach(instrument), clock)
     assert driver.LINE.byte_s == pytest.approx(instrument._byte_s)  # type: ignore[attr-defined]

@@ -192,9 +192,7 @@ def test_own_regulation_follows_its_setpoint(armed: Any, plant: StillPlant, cloc
         armed.arm_setpoint()
 
 
-def test_a_temperature_has_its_time_and_an_open_sensor_has_none(
-    controller: Any, plant: StillPlant, clock: VirtualClock, case: Case
-) -> None:
+def test_temperatures_and_an_open_sensor(controller: Any, plant: StillPlant, clock: VirtualClock, case: Case) -> None:
     controller.read_temperature()
     for value_degC in (41.5, -12.3):
         plant.temperature_degC = value_degC

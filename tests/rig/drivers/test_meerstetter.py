@@ -41,9 +41,7 @@ def armed(controller: MeerstetterController) -> MeerstetterController:
     return controller
 
 
-def test_configure_sets_limits_and_spares_the_flash(
-    controller: MeerstetterController, tec: MeerstetterTec, clock: VirtualClock
-) -> None:
+def test_the_flash_is_spared(controller: MeerstetterController, tec: MeerstetterTec, clock: VirtualClock) -> None:
     controller.configure(2.5, (10.0, 95.0), 3.0)
     values = tec._values
     assert (values[2030], values[4010], values[4011], values[2060], values[108]) == (2.5, 10.0, 95.0, 3.0, 1)

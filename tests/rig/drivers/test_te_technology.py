@@ -84,9 +84,7 @@ def test_temperature_that_does_not_agree_with_itself(controller: TeTechnologyCon
 
 @pytest.mark.parametrize("bad", [265, 253, 235, 247, 25])
 @pytest.mark.parametrize("place", range(2))
-def test_one_of_the_readings_that_is_wrong_is_outvoted(
-    controller: TeTechnologyController, tec: TeTechnology, bad: int, place: int
-) -> None:
+def test_a_wrong_one_is_outvoted(controller: TeTechnologyController, tec: TeTechnology, bad: int, place: int) -> None:
     controller.read_temperature()
     texts = [250, 250, 250, 250, 250]
     texts[place] = bad

@@ -155,9 +155,7 @@ def test_a_candidate_is_tried(peltier: Peltier, folder: Path, tmp_path: Path, mo
     assert (said["new"], said["tried"]) == (["actuator_delay"], [])
 
 
-def test_what_tells_the_run_no_better_is_not_run(
-    peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_better_is_not_run(peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A delay of 8 s in the place of 0.8: no held-out row would have let it pass, and nothing is heated with it."""
     files = files_in(folder / "better" / "diagnosis")
     found = read_toml(folder / "better" / "diagnosis" / "model.toml")["effects"][0]["delay_s"]

@@ -66,9 +66,7 @@ SERIES = '[[effects]]\nname = "series_resistance"\nseries_ohm = 50.0\n'
         ("repeat = 2", SERIES, "experiment.repeat: the model has series_resistance"),
     ],
 )
-def test_what_cannot_be_repeated_is_refused_before_anything_runs(
-    keys: str, effects: str, expected: str, tmp_path: Path, peltier: Peltier
-) -> None:
+def test_refusals_of_repeat(keys: str, effects: str, expected: str, tmp_path: Path, peltier: Peltier) -> None:
     path = write_bench(tmp_path)
     path.write_text(path.read_text().replace("settle_s", f"{keys}\nsettle_s"))
     model = tmp_path / "model.toml"

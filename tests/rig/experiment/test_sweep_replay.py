@@ -106,9 +106,7 @@ HEATED = '\n[[effects]]\nname = "self_heating"\ntheta_K_per_W = 300.0\n'
 
 
 @pytest.mark.parametrize("effect", ["", pytest.param(HEATED, marks=pytest.mark.long)])
-def test_compared_laws_and_late_ticks_replay_to_the_bit(
-    tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch, effect: str
-) -> None:
+def test_replay_of_late_ticks(tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch, effect: str) -> None:
     """A third of the ticks is late, by up to three periods; the target's ohms are on no grid."""
     laws = ["full", "feedforward", "pid", "instrument_pid"]
     chance = random.Random(1)
@@ -187,9 +185,7 @@ def own_run(folder: Path, law: Any, *names: str) -> Path:
     return run.finish()
 
 
-def test_a_law_of_the_users_own_is_replayed_from_the_run_folder(
-    tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_own_law_is_replayed_from_the_run(tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch) -> None:
     """With its state at the start of each phase, wherever the file is that it came from, and whatever became of it."""
     (tmp_path / "ramp_law.py").write_text(LAW)
     monkeypatch.syspath_prepend(tmp_path)

@@ -66,9 +66,7 @@ def test_roll_ups_hold_mean_low_and_high_of_their_rows(tmp_path: Path) -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(steps=st.lists(st.floats(0.05, 400.0), min_size=5, max_size=60), cuts=st.sets(st.integers(1, 50), max_size=4))
-def test_roll_ups_are_the_same_however_often_it_was_killed(
-    tmp_path_factory: pytest.TempPathFactory, steps: list[float], cuts: set[int]
-) -> None:
+def test_roll_ups_survive_kills(tmp_path_factory: pytest.TempPathFactory, steps: list[float], cuts: set[int]) -> None:
     folder = tmp_path_factory.mktemp("cut")
     found = []
     for name, at in (("whole", set()), ("cut", cuts)):
@@ -273,9 +271,7 @@ class Told:
         ("at the start", "PRAGMA locking_mode = EXCLUSIVE;PRAGMA user_version = 1"),  # keeps readers out, too
     ],
 )
-def test_rows_wait_for_a_lock_of_ten_minutes_and_none_is_missing(
-    when: str, how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_row_is_lost_to_a_long_lock(when: str, how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A database browser that is left open with an edit in it ended runs of hours."""
     monkeypatch.setattr("rig.history.writer.UNREPORTED_S", 0.0)
     path, told = tmp_path / "h.sqlite", Told()
@@ -462,9 +458,7 @@ def test_a_lock_is_told_from_what_does_not_pass(code: int | None, text: str, pas
     assert trouble.text.startswith("/bench/history.sqlite")
 
 
-def test_a_history_that_is_damaged_in_mid_run_is_put_aside_and_no_row_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_history_damaged_in_mid_run_loses_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As by a backup that is copied back over it."""
     monkeypatch.setattr("rig.history.writer.TRY_AGAIN_S", 0.0)
     monkeypatch.setattr("rig.history.writer.PART_OF_TIME", 0.0)

@@ -78,9 +78,7 @@ def test_the_emergency_stop_counts_where_it_is_obeyed(armed: Bench) -> None:
     assert "emergency stop" in controller.status().meaning
 
 
-def test_a_driver_whose_off_fails_is_not_confirmed_and_its_dead_man_is_waited_for(
-    armed: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_off_that_fails_waits_for_the_dead_man(armed: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     controller, _, plant, clock = armed("meerstetter", "deaf")
 
     def fails() -> bool:
