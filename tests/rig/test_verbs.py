@@ -188,7 +188,7 @@ def test_a_plates_slopes_are_in_its_file_where_it_has_them(tmp_path: Path) -> No
     write_model(path, Model(None, plate))
     assert "slope" not in path.read_text()
     assert read_model(path).plate == plate
-    plate = replace(plate, seebeck_slope_per_K=0.1 / 57.0, resistance_slope_per_K=-0.1 / 27.0)
+    plate = replace(plate, seebeck_slope_per_K=0.1 / 57.0, resistance_slope_per_K=-0.1 / 27.0, error_K=0.9)
     write_model(path, Model(None, plate))
     assert read_model(path).plate == plate
 

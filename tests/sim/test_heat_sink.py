@@ -1,16 +1,21 @@
-"""The plate with a heat sink of its own: energy balance, and agreement with an independent integrator."""
+"""The plate with a heat sink of its own, against an independent integrator; a measured sink that saturates."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from compensator.thermal.plate import PlateModel
+from rig.records.record_file import ColumnMapping, read_record
+from sim.diagnosis.row_warnings import row_warnings
 from sim.effects.effect import switched
 from sim.effects.heat_sink_warmup import EFFECT
+from sim.inference.record.record import read_columns
+from sim.inference.record.stretches import first_rows, gaps
 from sim.model.plate_balance import heat_flows, run
 from sim.world.films import PreisachFilm
 from sim.world.plant import SimulatedPlant, World
@@ -56,3 +61,25 @@ def test_a_huge_sink_is_the_base_model() -> None:
             plant.set_current_A(3.0 if k % 2 else -1.0)
             plant.advance_to(0.5 * (k + 1))
     assert plants[0].temperature_degC == pytest.approx(plants[1].temperature_degC, abs=1e-5)
+
+
+COLUMNS = ("time_s=t_s|time@s", "temperature_degC=T_C|temp@degC", "current_A=duty|output@duty")
+
+
+@pytest.mark.parametrize(("after_A", "begins"), [(1.0, [0]), (0.4, [0, 1])])
+def test_a_held_command_goes_on_through_a_gap(after_A: float, begins: list[int]) -> None:
+    """A first step of eight others, as of a log that starts while a controller has begun to heat."""
+    time = np.concatenate(([0.0], 5.0 + 0.62 * np.arange(200.0)))
+    current = np.where(time < 1.0, 1.0, after_A)
+    told = np.ones(time.size, dtype=np.bool_)
+    degC = 30.0 + 0.1 * time + 0.05 * np.random.default_rng(3).standard_normal(time.size)
+    assert first_rows(time, degC, current, told, gaps(time, told)).tolist() == begins
+
+
+def test_a_measured_sink_saturates(measured: Path) -> None:
+    mapping = [ColumnMapping.parse(text) for text in COLUMNS]
+    record = read_columns(read_record(measured / "peltier_runaway.csv", mapping).columns)
+    (warning,) = (found for found in row_warnings(record) if found.code == "heat_sink_saturated")
+    assert warning.from_s is not None
+    assert warning.to_s is not None
+    assert 340.0 < warning.from_s < warning.to_s < 520.0

@@ -1,4 +1,4 @@
-"""The daemon's socket: one holder of a name, from before it answers until it has ended."""
+"""The daemon's socket and its clients: one holder of a name, from before it answers until it has ended."""
 
 from __future__ import annotations
 
@@ -7,17 +7,22 @@ import errno
 import fcntl
 import json
 import os
+import signal
 import socket
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 
 from rig.core.errors import PortHeld
-from rig.daemon.client import Client, Refusal
+from rig.daemon.client import Client, Refusal, write_json
 from rig.daemon.http_server import Requests, UnixServer
 from rig.daemon.output_lock import Off
+from tests.peltier import Peltier
+from tests.rig.daemon.benches import SERVE, running, write_current
+from tests.rig.small import no_file_above
 
 
 def test_a_daemon_that_does_not_answer_yet_keeps_its_socket(tmp_path: Path) -> None:
@@ -123,3 +128,128 @@ def test_a_press_is_kept_in_few_characters() -> None:
     requests = Requests(cast(Any, Stopping()))
     requests.answer("POST", "/api/stop", {"press": "p" * 1_000_000})
     assert [len(press or "") for press in requests._presses] == [80]
+
+
+OFF = b'{"off": true, "confirmed": true, "confirmed_by": "its status", "took_s": 0.01}'
+
+
+@contextlib.contextmanager
+def answering(path: Path, answer: Callable[[bytes], bytes]) -> Iterator[None]:
+    """A process at a socket that answers line by line."""
+
+    def serve(connection: socket.socket) -> None:
+        with contextlib.suppress(OSError), connection, connection.makefile("rb") as lines:
+            for line in lines:
+                connection.sendall(answer(line))
+
+    def accept() -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                threading.Thread(target=serve, args=(listener.accept()[0],), daemon=True).start()
+
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        listener.listen()
+        threading.Thread(target=accept, daemon=True).start()
+        yield
+        listener.shutdown(socket.SHUT_RDWR)
+
+
+def stopping(stops: list[str]) -> Callable[[bytes], bytes]:
+    """What a daemon answers to the lines of a STOP, each of which is kept."""
+    head = f"HTTP/1.1 200 OK\r\nContent-Length: {len(OFF)}\r\n\r\n".encode()
+
+    def answer(line: bytes) -> bytes:
+        stops.extend(["stop"] if line.startswith(b"POST /api/stop ") else [])
+        return head + OFF if line == b"\r\n" else b""
+
+    return answer
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="file sizes are limited on POSIX only")
+def test_an_answer_that_does_not_fit_leaves_the_file_as_it_was(tmp_path: Path) -> None:
+    target = tmp_path / "status.json"
+    write_json(str(target), {"output": "off"})
+    before = target.read_text()
+    assert before == '{\n  "output": "off"\n}\n'
+    with no_file_above(4096), pytest.raises(OSError, match=r"status\.json"):
+        write_json(str(target), {"warnings": ["x" * 100_000]})
+    assert target.read_text() == before
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_what_is_no_daemon_is_to_be_ended(peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A daemon that speaks otherwise goes on heating: whoever types `stop` has to learn how to end it."""
+    path = tmp_path / "bench.sock"
+    monkeypatch.setenv("PELTIER_SOCKET", str(path))
+    with answering(path, lambda line: b'{"ok":false}\n'):
+        status, out, err = peltier("stop")
+    assert (status, out, err.count("\n")) == (11, "", 1)
+    assert f"end it (`kill {os.getpid()}`), which switches its output off" in err
+    assert err.endswith("Switch the controller off by hand.\n")
+
+
+def test_every_stop_comes_before_writing(peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two benches, the second would go on heating because the first one's answer does not fit on a disk."""
+    monkeypatch.delenv("PELTIER_SOCKET", raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    (tmp_path / "peltier").mkdir()
+    stops: list[str] = []
+    one, two = (tmp_path / "peltier" / f"{name}.sock" for name in ("one", "two"))
+    with answering(one, stopping(stops)), answering(two, stopping(stops)):
+        status, out, err = peltier("stop", "--json", tmp_path / "no folder" / "stop.json")
+    assert (status, len(stops)) == (1, 2)
+    assert "one: output off" in out
+    assert "two: output off" in out
+    assert "stop.json" in err
+
+
+def test_refused_events_do_not_look_like_silence(tmp_path: Path) -> None:
+    """`peltier watch` would show nothing, for ever."""
+    refusal = b'{"faults": ["too many listen"]}'
+    head = f"HTTP/1.1 503 Unavailable\r\nContent-Length: {len(refusal)}\r\n\r\n".encode()
+    path = tmp_path / "bench.sock"
+    with (
+        answering(path, lambda line: head + refusal if line == b"\r\n" else b""),
+        Client(path, 30.0) as client,
+        pytest.raises(Refusal, match="too many listen"),
+    ):
+        next(client.events(30.0))
+
+
+def test_another_file_s_bench_is_left_alone(peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = write_current(tmp_path, more=SERVE)
+    other = tmp_path / "other.toml"
+    other.write_text(mine.read_text())
+    link = tmp_path / "link.toml"
+    link.symlink_to(mine)
+    monkeypatch.setenv("PELTIER_SOCKET", str(tmp_path / "bench.sock"))
+    with running(mine) as bench:
+        status, out, err = peltier("off", other, "--json", "-")
+        assert (status, json.loads(out)["confirmed"]) == (0, True)
+        assert f"no daemon serves {other}: nothing is on; left alone: bench" in err
+        assert bench.state()["state"] == "idle"
+        out = peltier.quietly("off", link)
+        assert "bench: output off, confirmed" in out
+        bench.until_state("stopped")
+    out = peltier.quietly("off", mine)
+    assert "nothing is on" in out
+    assert "left alone" not in out
+
+
+@pytest.mark.parametrize("error", [RuntimeError("a driver's own"), ImportError("no serial"), OSError("no room")])
+def test_whatever_stands_in_its_way_the_output_is_not_confirmed_off(
+    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """Whoever types `off` must not have to read a traceback to learn that the heater is still on."""
+
+    def fails(config: Path) -> None:
+        raise error
+
+    monkeypatch.setenv("PELTIER_SOCKET", str(tmp_path / "bench.sock"))
+    monkeypatch.setattr("rig.command.bench._controller", fails)
+    status, out, err = peltier("off", "rig.toml")
+    assert (status, out, err.count("\n")) == (11, "", 1)
+    assert f"OUTPUT NOT CONFIRMED OFF: {'the installation is not whole ' * isinstance(error, ImportError)}" in err
+    assert f"{error}" in err
+    assert "Switch the controller off by hand." in err

@@ -82,15 +82,30 @@ def test_time_of_a_character(line: LineSettings, bits: int) -> None:
     assert line.byte_s == pytest.approx(bits / 9600)
 
 
-@pytest.mark.parametrize(
-    "options", [{"nonsense": 1}, {"transport": None}, {"line": LineSettings()}, {"baud": 0}, {"baud": "x"}]
-)
-@pytest.mark.parametrize("name", ["srs_ldc500", "keithley2000"])
-def test_bad_options_open_nothing(
+WRONG_OPTIONS: dict[str, list[dict[str, Any]]] = {
+    "te_technology": [{"model": "tc-24-25"}, {"units": "K"}, {"address": 256}],
+    "srs_ldc500": [{"heating_sign": 2}, {"nonsense": 1}, {"transport": None}, {"baud": "x"}],
+    "lakeshore": [{"input": "E"}, {"output": 3}, {"range": "highest"}, {"max_current_A": 3.0}, {"p": 10.0}],
+    "tclab": [{"heater": 3}, {"boot_s": -1.0}, {"line": LineSettings()}],
+    "keithley2000": [
+        {"nonsense": 1},
+        {"baud": 0},
+        {"formula": "voltage_V"},
+        {"output": "curvature_per_m"},
+        {"formula": "1", "output": "curvature_per_m"},
+        {"formula": "voltage_V", "output": "curvature"},
+        {"formula": "voltage_V", "output": "resistance_ohm"},
+    ],
+}
+
+
+@pytest.mark.parametrize(("name", "options"), [(name, o) for name, all_ in WRONG_OPTIONS.items() for o in all_])
+def test_wrong_options_open_nothing(
     attach: Attach, clock: VirtualClock, plant: StillPlant, name: str, options: dict[str, Any]
 ) -> None:
+    """Whoever corrects one would find the port held by the program that refused it."""
     address = attach(emulated(name, plant))
-    with pytest.raises(ValueError, match=r"no option|expected"):
+    with pytest.raises(ValueError, match=r"no option|expected|formula|output|heating sign|all three"):
         opened(name, address, clock, **options)
     opened(name, address, clock)
 

@@ -1,4 +1,4 @@
-"""Independent software drives our emulators on a pseudo-terminal, and so do our own drivers.
+"""Independent software drives our emulators on a pseudo-terminal, and so do our own drivers; ours drives sciglob's.
 
 PyMeasure, QCoDeS, mecompyapi, sciglob, and the packages of Lake Shore and of TCLab.
 """
@@ -19,13 +19,18 @@ from typing import Any
 
 import pytest
 
-from rig.core.clock import RealClock
+from rig.core.clock import RealClock, VirtualClock
+from rig.core.errors import Refused, TimedOut
 from rig.drivers import registry
+from rig.drivers.meerstetter import MecomLink
 from rig.drivers.registry import open_controller, open_meter
+from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals
+from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument, emulated
 from sim.instruments.lakeshore import LakeShore
 from sim.instruments.tclab import TcLab
+from tests.rig.drivers.far_ends import Answering
 from tests.rig.drivers.still_plant import StillPlant
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -270,18 +275,17 @@ def test_mecompyapi(serve: Serve, plant: StillPlant, monkeypatch: pytest.MonkeyP
 
 
 @pytest.fixture
-def temperature_controller() -> Any:
+def sciglob() -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        module = pytest.importorskip(
+        return pytest.importorskip(
             "sciglob.devices.temperature_controller", reason="sciglob is not installed", exc_type=ImportError
         )
-    return module.TemperatureController
 
 
 @pytest.mark.parametrize(("kind", "model"), [("TETech2", "tc-36-25"), ("TETech1", "tc-48-20")])
-def test_sciglob(temperature_controller: Any, serve: Serve, plant: StillPlant, kind: str, model: str) -> None:
-    tec = temperature_controller(port=serve(emulated("te_technology", plant, model=model)), controller_type=kind)
+def test_sciglob(sciglob: Any, serve: Serve, plant: StillPlant, kind: str, model: str) -> None:
+    tec = sciglob.TemperatureController(port=serve(emulated("te_technology", plant, model=model)), controller_type=kind)
     tec.connect()
     try:
         plant.temperature_degC = -12.3
@@ -303,8 +307,8 @@ def test_sciglob(temperature_controller: Any, serve: Serve, plant: StillPlant, k
         tec.disconnect()
 
 
-def test_sciglob_on_meerstetter(temperature_controller: Any, serve: Serve, plant: StillPlant) -> None:
-    tec = temperature_controller(port=serve(emulated("meerstetter", plant)), controller_type="TETech1090")
+def test_sciglob_on_meerstetter(sciglob: Any, serve: Serve, plant: StillPlant) -> None:
+    tec = sciglob.TemperatureController(port=serve(emulated("meerstetter", plant)), controller_type="TETech1090")
     tec.connect()
     try:
         plant.temperature_degC = 31.25
@@ -320,6 +324,40 @@ def test_sciglob_on_meerstetter(temperature_controller: Any, serve: Serve, plant
         assert plant.current_A == 0.0
     finally:
         tec.disconnect()
+
+
+class SciglobsMeerstetter(Answering):
+    """sciglob's own TETech 1090. It answers every question with sequence number 0."""
+
+    def __init__(self, responder: Callable[[bytes], str | None]) -> None:
+        super().__init__()
+        self._responder = responder
+
+    def receive(self, data: bytes, time_s: float) -> None:
+        if (answer := self._responder(data)) is not None:
+            self.answer(time_s + 0.005, answer.encode())
+
+
+def test_our_mecom_on_sciglobs_meerstetter(sciglob: Any, attach: Serve, clock: VirtualClock) -> None:
+    """It knows neither our emulator nor our idea of the protocol."""
+    address = attach(SciglobsMeerstetter(sciglob._Simulated1090Responder(object_temp=19.6, device_type=1090)))
+
+    def linked(ask: Callable[[MecomLink], Any]) -> Any:
+        """The answer on a link whose next question has the number 0, the only one that is answered."""
+        link = MecomLink(Transport(open_port(address, LineSettings()), clock), first_token=0xFFFF)  # type: ignore[arg-type]
+        try:
+            return ask(link)
+        finally:
+            link.transport.close()
+
+    assert linked(lambda link: link.read_int(100)) == 1090
+    assert linked(lambda link: link.read_float(1000)) == pytest.approx(19.6)
+    linked(lambda link: link.write_float(3000, 31.5))
+    assert linked(lambda link: link.read_float(3000)) == 31.5
+    with pytest.raises(Refused):
+        linked(lambda link: link.read_float(1234))
+    with pytest.raises(TimedOut):  # a right answer with another question's number is none
+        linked(lambda link: (link.read_int(100), link.read_float(1000)))
 
 
 # ---- the makers' and others' own packages -------------------------------------------------------------

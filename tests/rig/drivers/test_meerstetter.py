@@ -66,17 +66,6 @@ def test_a_dead_man_that_cannot_be_sends_nothing(attach: Attach, clock: VirtualC
     silent.assert_over()
 
 
-def test_positive_heats_however_it_is_wired(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
-    tec = MeerstetterTec(plant, heating_sign=-1)
-    tec._values[3034] = 0  # as the firmware knows
-    controller = open_controller("meerstetter", attach(tec), clock)
-    controller.configure(2.0, (10.0, 95.0), 0.0)
-    controller.arm_current()
-    controller.set_current_A(1.5)
-    assert plant.current_A == 1.5
-    assert controller.read_current().value == 1.5
-
-
 def test_an_enable_that_reads_on_does_not_matter_after_an_emergency_stop(
     armed: MeerstetterController, plant: StillPlant, tec: MeerstetterTec
 ) -> None:

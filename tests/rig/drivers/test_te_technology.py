@@ -17,7 +17,7 @@ from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
 from sim.instruments.te_technology import TeTechnology
-from tests.rig.drivers.far_ends import Answering, Conversation
+from tests.rig.drivers.far_ends import Conversation
 from tests.rig.drivers.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
@@ -146,14 +146,6 @@ def test_off_gets_through_to_an_instrument_that_is_answering(
     assert tec.lost_commands > lost
     off_s = next(time_s for time_s, current_A in plant.currents if time_s > begin_s and current_A == 0.0)
     assert off_s < begin_s + 0.09
-
-
-@pytest.mark.parametrize("options", [{"model": "tc-24-25"}, {"units": "K"}, {"address": 256}, {"nonsense": 1}])
-def test_bad_options(attach: Attach, clock: VirtualClock, plant: StillPlant, options: dict[str, object]) -> None:
-    address = attach(TeTechnology(plant))
-    with pytest.raises(ValueError, match=r"expected|no option"):
-        open_controller("te_technology", address, clock, **options)
-    open_controller("te_technology", address, clock)  # the port was let go
 
 
 def test_a_device_that_needs_a_pause(plant: StillPlant, attach: Attach, clock: VirtualClock) -> None:
@@ -336,14 +328,3 @@ def test_after_doubt_the_line_has_to_be_silent(attach: Attach, clock: VirtualClo
     with pytest.raises(TimedOut):
         te.sequence(ASK)
     assert te.in_doubt
-
-
-def test_babble_is_not_waited_for_for_ever(attach: Attach, clock: VirtualClock) -> None:
-    class Babble(Answering):
-        def transmit(self, time_s: float) -> bytes:
-            return b"x"
-
-    te, _ = link(attach, clock, Babble())
-    with pytest.raises(OutOfStep, match="silent"):
-        te.resynchronise()
-    assert clock.now_s() < 15.0

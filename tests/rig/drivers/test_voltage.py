@@ -139,23 +139,6 @@ def test_no_value_is_invalid(attach: Attach, clock: VirtualClock, plant: StillPl
     assert meter.read().quality is Quality.INVALID
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"formula": "voltage_V"},
-        {"output": "curvature_per_m"},
-        {"formula": "1", "output": "curvature_per_m"},
-        {"formula": "voltage_V", "output": "curvature"},
-        {"formula": "voltage_V", "output": "resistance_ohm"},
-    ],
-)
-def test_half_of_it_is_refused(attach: Attach, clock: VirtualClock, plant: StillPlant, options: dict[str, str]) -> None:
-    address = attach(emulated("keithley2000", plant))
-    with pytest.raises(ValueError, match=r"formula|output"):
-        open_meter("keithley2000", address, clock, **options)
-    open_meter("keithley2000", address, clock)
-
-
 def test_film_output_and_column() -> None:
     assert film_output("minus_log10_ohm", Reading(1e4, 0.0)) == -4.0
     assert film_output("curvature_per_m", Reading(-3.0, 0.0)) == -3.0

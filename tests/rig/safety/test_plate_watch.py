@@ -1,4 +1,5 @@
-"""The plate is watched: what no plate can do trips; real plates, wrong models and slow thermometers do not."""
+"""The plate is watched, a known one or not: what no plate can do trips; real plates, wrong models and slow thermometers
+do not."""
 
 from __future__ import annotations
 
@@ -19,6 +20,7 @@ from rig.safety.plate_watch import (
     Doubt,
     KnownPlate,
     PlateWatch,
+    RunawayWatch,
     distinct,
     first_plate,
     watchable_rate_K_per_s,
@@ -29,21 +31,27 @@ PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
 CLEAN = ("8010", "8020", "8055", "500", "8051", "8052", "80510")
 
 
+def trip_on(look: Callable[[float, float, float], object], rows: np.ndarray) -> Tripped | None:
+    """What a measured record (time, temperature, duty) trips on, in the eyes of a watch."""
+    sent = 0.0
+    for time_s, temperature_degC, duty in rows:
+        try:
+            look(time_s, temperature_degC, sent)
+        except Tripped as trip:
+            return trip
+        sent = duty
+    return None
+
+
 @pytest.mark.parametrize("model", ["8010", "8020", "8055"])
 def test_measured_records(measured: Path, model: str) -> None:
     """With the plate of one run the others pass, and a heat sink that saturates is seen."""
     fit = identify_plate(*record(measured, model).T, lag=True)
 
     def replayed(name: str, doubt: Doubt) -> Tripped | None:
-        watch, sent = PlateWatch(1.0, 1000.0, 20.0), 0.0
+        watch = PlateWatch(1.0, 1000.0, 20.0)
         watch.know(KnownPlate(fit.model, fit.lag_s, doubt=doubt))
-        for time_s, temperature_degC, duty in record(measured, name):
-            try:
-                watch.look(time_s, temperature_degC, sent)
-            except Tripped as trip:
-                return trip
-            sent = duty
-        return None
+        return trip_on(watch.look, record(measured, name))
 
     for doubt in (OF_A_MODEL, OF_PULSES):
         for name in CLEAN:
@@ -264,3 +272,38 @@ def test_a_pulse_in_coarse_steps_is_a_plate_and_no_drift() -> None:
         known = first_plate(time, np.round((begin_degC + moved) / 0.5) * 0.5, current, 4.0)
         assert known is not None
         assert 0.25 / 2.0 < known.plate.rate_K_per_s(known.plate.ambient_degC, 1.0) < 0.25 * 2.0
+
+
+def test_measured_records_of_an_unknown_plate(measured: Path) -> None:
+    """Clean runs pass; a saturated heat sink is seen."""
+
+    def replayed(name: str) -> Tripped | None:
+        watch = RunawayWatch(1.0, 20.0)
+        return trip_on(lambda *row: watch.look(*row, math.nan), record(measured, name))
+
+    for name in CLEAN[:4]:
+        assert replayed(name) is None, name
+    trip = replayed("runaway")
+    assert trip is not None
+    assert trip.time_s < 400.0
+    assert "saturated heat sink" in str(trip)
+
+
+def test_a_heater_that_is_open() -> None:
+    watch = RunawayWatch(4.0, 20.0)
+    for k in range(101):
+        watch.look(0.2 * k, 25.0, 3.0 if k else 0.0, math.nan)
+    with pytest.raises(Tripped, match="is the plate connected") as trip:
+        watch.look(21.0, 25.0, 3.0, math.nan)
+    assert trip.value.cause == "no_response"
+
+
+def test_an_instruments_own_regulation_that_runs_the_wrong_way() -> None:
+    watch = RunawayWatch(4.0, 20.0)
+    for k in range(100):
+        watch.look(0.2 * k, 40.0 - 0.01 * k, math.nan, 60.0)
+    with pytest.raises(Tripped, match=r"no nearer to the setpoint of 60\.00 degC"):
+        watch.look(20.5, 39.0, math.nan, 60.0)
+    watch = RunawayWatch(4.0, 20.0)
+    for k in range(500):  # a slow one, and one that has arrived
+        watch.look(0.2 * k, min(40.0 + 0.02 * k, 59.9), math.nan, 60.0)

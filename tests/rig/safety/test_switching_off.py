@@ -1,20 +1,32 @@
-"""Off against a controller that does not obey: a verdict in time, and its dead man left in peace to act."""
+"""Off against a controller that does not obey: a verdict in time, its dead man left in peace; who goes on trying."""
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rig.bench.assembly import emulated_instruments
+from rig.config.configuration import read_configuration
 from rig.core.clock import VirtualClock
+from rig.core.errors import PortHeld
 from rig.drivers.registry import open_controller
 from rig.ports import protocol_sim
+from rig.ports.open import LineSettings, holder, is_still_trying, open_port
+from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.safety.switching_off import BY_ITS_DEAD_MAN, look_after_silence, off_confirmed, switch_off
 from sim.instruments.instrument import emulated
 from tests.rig.drivers.disobedient import Disobedient
 from tests.rig.drivers.still_plant import StillPlant
+from tests.rig.small import write_bench
 
 DEAD_MAN_S = 3.0
 OFF_S = 0.75  # as long as `off` may take against a device that does not answer, about
@@ -183,3 +195,53 @@ def test_an_adapter_that_comes_back_in_the_silence(armed: Bench) -> None:
     )
     assert verdict.confirmed
     assert plant.current_A == 0.0
+
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="it is known by its name in /proc")
+
+
+@pytest.fixture
+def deaf(tmp_path: Path) -> Iterator[tuple[Path, Disobedient, str]]:
+    """Its configuration, the controller with its power on, and its port."""
+    path = write_bench(tmp_path)
+    text = path.read_text().replace('driver = "meerstetter"', 'driver = "te_technology"')
+    path.write_text(text)
+    instruments = {role: one for role, _, one in emulated_instruments(read_configuration(path), 0.0)}
+    controller = Disobedient(instruments["controller"], "deaf")
+    controller.instrument.values["power on"] = 1
+    controller.begin()
+    with PseudoTerminals({**instruments, "controller": controller}) as terminals:
+        port = terminals.paths["controller"]
+        text = text.replace('port = "sim://"', f'port = "{port}"', 1).replace("sim://", terminals.paths["meter"])
+        path.write_text(text.replace('time = "virtual"', 'time = "real"'))
+        yield path, controller, port
+        pid, _ = holder(port)
+        if pid is not None and is_still_trying(pid):
+            os.kill(pid, signal.SIGKILL)
+
+
+def peltier(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "rig", *map(str, words)], capture_output=True, text=True, timeout=60.0)
+
+
+def test_it_goes_on_and_tells_who_asks(deaf: tuple[Path, Disobedient, str]) -> None:
+    path, controller, port = deaf
+    done = peltier("off", path)
+    assert done.returncode == 11
+    assert "OUTPUT NOT CONFIRMED OFF" in done.stderr
+    assert "by hand" in done.stderr
+    until_s = time.monotonic() + 30.0
+    while holder(port)[0] is None and time.monotonic() < until_s:
+        time.sleep(0.01)
+    with pytest.raises(PortHeld, match="still trying to switch the output off") as held:
+        open_port(port, LineSettings())
+    assert held.value.exit_status == 75
+    pid, _ = holder(port)
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)  # so that it does not get there first
+    controller.heal()
+    third = peltier("off", path)  # is not locked out; but a hand was asked for, and nobody says "confirmed" any more
+    assert controller.values["power on"] == 0
+    assert third.returncode == 11
+    assert "says now that its output is off" in third.stderr
+    assert peltier("off", path).returncode == 0
