@@ -131,8 +131,7 @@ def test_calibrate_says_of_a_record_what_identify_says(peltier: Peltier, tmp_pat
     """A heat sink warms up, which the plate model does not have: printed, in the JSON and in the report."""
     more = "\n[calibration]\ntemperature_degC = [35, 85]\nminor_loops = 2\n[simulation.heat_sink_warmup]\n"
     more += "sink_capacity_ratio = 10.0\nsink_conductance_ratio_per_s = 0.4\n"
-    path = write_bench(tmp_path, more=more)
-    path.write_text(path.read_text().replace("first_degC = 60.0", "first_degC = 25.0"))
+    path = write_bench(tmp_path, more=more, changed=[("first_degC = 60.0", "first_degC = 25.0")])
     folder = tmp_path / "cal"
     out = peltier.succeeds("calibrate", path, "--out", folder, "--json", tmp_path / "c.json")
     note = "times the thermometer's noise: something is missing"
@@ -242,8 +241,7 @@ def test_check_tells_who_answers_and_ends_off(peltier: Peltier, tmp_path: Path) 
 
 
 def test_nothing_runs_where_another_instrument_answers(peltier: Peltier, tmp_path: Path) -> None:
-    path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace('"keithley2000"\n', '"keithley2000"\nserial_number = "0000001"\n'))
+    path = write_bench(tmp_path, changed=[('"keithley2000"\n', '"keithley2000"\nserial_number = "0000001"\n')])
     err = peltier.fails("run", path, "--out", tmp_path / "out")
     assert "bench.meter.serial_number: '0000001': what answers at" in err
     assert not (tmp_path / "out").exists()

@@ -34,9 +34,7 @@ def test_a_law_that_is_named_twice_runs_once() -> None:
 
 
 def test_misspelt_keys_are_all_named_at_once(peltier: Peltier, tmp_path: Path) -> None:
-    path = write_bench(tmp_path)
-    text = path.read_text().replace("current_A = 4.0", "curent_A = 4.0").replace("period_s", "perod_s")
-    path.write_text(text)
+    path = write_bench(tmp_path, changed=[("current_A = 4.0", "curent_A = 4.0"), ("period_s", "perod_s")])
     status, out, err = peltier("run", path, "--out", tmp_path / "run")
     lines = err.strip().splitlines()
     assert status == 2

@@ -128,8 +128,7 @@ def test_long_silence_names_the_instrument(monkeypatch: pytest.MonkeyPatch, pelt
 def test_a_silent_controller_is_told_as_such(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
     """Where its own dead man acts before a reading is too old, it is the commands that end the run."""
     deafened(monkeypatch, [20.0], 1e9)
-    path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace("[bench.meter]", "dead_man_s = 1.0\n[bench.meter]"))
+    path = write_bench(tmp_path, changed=[("[bench.meter]", "dead_man_s = 1.0\n[bench.meter]")])
     err = peltier.fails("run", path, "--out", tmp_path / "run", status=11)
     said = re.search(r"expected one every 1 s; nothing has come from it for (\S+) s: check its supply", err)
     assert said is not None

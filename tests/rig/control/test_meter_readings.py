@@ -198,8 +198,7 @@ def test_between_two_phases_nobody_waits_longer_than_a_period() -> None:
 
 @pytest.mark.parametrize(("more", "said"), [("", "mean of"), ("average = 1\n", "one integration")])
 def test_a_run_says_what_its_readings_are(peltier: Peltier, tmp_path: Path, more: str, said: str) -> None:
-    path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace("[bench.meter]\n", "[bench.meter]\n" + more))
+    path = write_bench(tmp_path, changed=[("[bench.meter]\n", "[bench.meter]\n" + more)])
     peltier.succeeds("run", path, "--out", tmp_path / "run")
     events = [json.loads(line) for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
     assert said in next(e["text"] for e in events if e["event"] == "meter")

@@ -144,8 +144,7 @@ def test_every_instrument_tracks(peltier: Peltier, tmp_path: Path, controller: s
 
 
 def test_a_controller_without_currents_says_so(peltier: Peltier, tmp_path: Path) -> None:
-    path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace('driver = "meerstetter"', 'driver = "te_technology"'))
+    path = write_bench(tmp_path, changed=[('driver = "meerstetter"', 'driver = "te_technology"')])
     assert "takes no current" in peltier.fails("run", path, "--out", tmp_path / "run")
 
 

@@ -266,8 +266,7 @@ def test_polarity_is_checked_with_a_small_pulse(
     monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, verb: str, first_degC: float
 ) -> None:
     swap(monkeypatch)
-    path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace("first_degC = 60.0", f"first_degC = {first_degC}"))
+    path = write_bench(tmp_path, changed=[("first_degC = 60.0", f"first_degC = {first_degC}")])
     assert "polarity" in peltier.fails(verb, path, "--out", tmp_path / "run", status=10)
     trip = json.loads((tmp_path / "run.part" / "trip.json").read_text())
     assert trip["cause"] == "polarity"

@@ -184,6 +184,12 @@ def test_stop_and_reset(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
     assert "nothing is latched" in peltier.fails("reset", "--reason", "a test", status=1)
 
 
+def test_off_by_the_daemon(here: Daemon, peltier: Peltier) -> None:
+    for words in (["off"], ["off", here.path]):
+        assert "bench: output off, confirmed" in peltier.quietly(*words)
+    assert peltier("reset", "--reason", "a test")[0] == 0
+
+
 def test_a_second_daemon(here: Daemon, peltier: Peltier, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     by = f"held by process {here.ask('GET', '/daemon')['pid']}"
     status, _, err = peltier("serve", here.path)  # the same name

@@ -22,8 +22,7 @@ RAMPS = '["start 20 kohm", "ramp to 5 kohm at {rate} dec/s", "hold 20 s", "ramp 
 
 
 def told(folder: Path, target: str, kind: str) -> str:
-    path = write_bench(folder, target=target)
-    path.write_text(path.read_text().replace('"track_resistance"', f'"{kind}"'))
+    path = write_bench(folder, target=target, changed=[('"track_resistance"', f'"{kind}"')])
     said: list[str] = []
     target_and_model(read_configuration(path), said.append)
     return "\n".join(said)

@@ -109,8 +109,7 @@ def test_a_missing_port_leaves_no_folder(tmp_path: Path, peltier: Peltier, monke
 
 
 def test_a_limit_beyond_the_device_names_both(peltier: Peltier, tmp_path: Path) -> None:
-    path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace("current_A = 4.0", "current_A = 40.0"))
+    path = write_bench(tmp_path, changed=[("current_A = 4.0", "current_A = 40.0")])
     err = peltier.fails("check", path)
     assert len(err.strip().splitlines()) == 1
     assert "current limit 40 A: this device takes at most 4 A" in err

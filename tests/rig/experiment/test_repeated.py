@@ -28,8 +28,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 def test_a_run_that_learns(tmp_path: Path, peltier: Peltier) -> None:
     target = '["start 20 kohm", "hold 4 s", "ramp to 8 kohm in 12 s", "hold 6 s"]'
-    path = write_bench(tmp_path, target=target)
-    path.write_text(path.read_text().replace("settle_s", "repeat = 3\nsettle_s"))
+    path = write_bench(tmp_path, target=target, changed=[("settle_s", "repeat = 3\nsettle_s")])
     run = tmp_path / "run"
     out = peltier.succeeds("run", path, "--out", run, "--json", "-")
     assert len(json.loads(out)["repeated"]) == 2
@@ -70,8 +69,7 @@ SERIES = '[[effects]]\nname = "series_resistance"\nseries_ohm = 50.0\n'
     ],
 )
 def test_refusals_of_repeat(keys: str, effects: str, expected: str, tmp_path: Path, peltier: Peltier) -> None:
-    path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace("settle_s", f"{keys}\nsettle_s"))
+    path = write_bench(tmp_path, changed=[("settle_s", f"{keys}\nsettle_s")])
     model = tmp_path / "model.toml"
     model.write_text(model.read_text() + effects)
     assert expected in peltier.fails("run", path, "--out", tmp_path / "run")
@@ -109,8 +107,7 @@ def test_a_law_that_knows_what_its_model_lacks_goes_as_if_the_film_were_its_mode
 @pytest.mark.parametrize("memory", ["estimate", "assume"])
 def test_a_film_is_taken_where_it_is(tmp_path: Path, peltier: Peltier, memory: str) -> None:
     target = '["start 20 kohm", "hold 6 s", "ramp to 12 kohm in 10 s", "hold 4 s", "ramp to 18 kohm in 10 s"]'
-    path = write_bench(tmp_path, target=target)
-    path.write_text(path.read_text().replace("settle_s", f'memory = "{memory}"\nsettle_s'))
+    path = write_bench(tmp_path, target=target, changed=[("settle_s", f'memory = "{memory}"\nsettle_s')])
     run = tmp_path / "run"
     peltier.succeeds("run", path, "--out", run)
     record = read_record(run / "record.csv", needs=(), options=False)

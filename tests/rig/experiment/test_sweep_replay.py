@@ -63,9 +63,7 @@ def test_a_sweep_and_its_second_half(tmp_path: Path, peltier: Peltier) -> None:
 )
 def test_a_simulation_is_the_same_each_time(tmp_path: Path, peltier: Peltier, controller: str, meter: str) -> None:
     """Whatever process computes it: the first numbers of a conversation are random on a real line alone."""
-    path = write_bench(tmp_path)
-    text = path.read_text().replace('"meerstetter"', f'"{controller}"').replace('"keithley2000"', f'"{meter}"')
-    path.write_text(text)
+    path = write_bench(tmp_path, changed=[('"meerstetter"', f'"{controller}"'), ('"keithley2000"', f'"{meter}"')])
     records = []
     for seed in (1, 2, 3):
         random.seed(seed)  # as of another process

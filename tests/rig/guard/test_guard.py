@@ -325,8 +325,7 @@ os.kill = lambda pid, number: None
 def test_beside_a_process_that_no_signal_ends_the_output_is_switched_off(tmp_path: Path, there: bool) -> None:
     """A row is written to a disk that hangs: the process waits in the kernel with the current on, and a controller
     without a dead man would heat until somebody comes by."""
-    path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace('driver = "meerstetter"', 'driver = "te_technology"'))
+    path = write_bench(tmp_path, changed=[('driver = "meerstetter"', 'driver = "te_technology"')])
     instruments = {role: one for role, _, one in emulated_instruments(read_configuration(path), -3.0)}
     controller: Any = instruments["controller"]
     controller.values["power on"] = 1

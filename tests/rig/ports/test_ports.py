@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
 import subprocess
@@ -225,7 +226,10 @@ def test_a_held_port_says_by_whom() -> None:
         assert f"process {other.pid}" in str(held.value)
         assert held.value.exit_status == 75
         other.communicate()
-    open_port(path, LINE).close()
+    port = open_port(path, LINE)
+    with pytest.raises(BlockingIOError):  # as others find ours
+        fcntl.flock(slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    port.close()
     os.close(master)
     os.close(slave)
 
