@@ -272,27 +272,6 @@ class Plant:
         self._read += (self.log_ohm - self._read) * (dt / self.meter_lag_s if self.meter_lag_s else 1.0)
 
 
-EFFECTS: dict[str, dict[str, tuple[float, float]]] = {  # least and largest of what is drawn
-    "actuator_delay": {"delay_s": (0.3, 2.0)},
-    "heat_sink_warmup": {"sink_capacity_ratio": (5.0, 20.0), "sink_conductance_ratio_per_s": (0.1, 0.3)},
-    "ambient_drift": {"drift_K_per_h": (2.0, 5.0)},
-    "sensor_lag": {"tau_s": (0.5, 5.0)},
-    "film_lag": {"tau_s": (0.5, 5.0)},
-    "self_heating": {"theta_K_per_W": (1e3, 5e3)},
-    "film_drift": {"drift_K_per_h": (1.0, 3.0)},
-    "creep": {"share": (0.1, 0.3), "tau_s": (50.0, 200.0)},
-    "meter_lag": {"tau_s": (0.5, 5.0)},
-    "series_resistance": {"series_ohm": (300.0, 1000.0)},
-}
-
-
-def drawn_effects(seed: int, count: int) -> Effects:
-    """Return so many effects of typical sizes."""
-    chance = random.Random(seed)
-    names = chance.sample(sorted(EFFECTS), count)
-    return {name: {key: chance.uniform(*ends) for key, ends in EFFECTS[name].items()} for name in names}
-
-
 def drawn_plate(seed: int) -> Plate:
     """Return a plate of usual size."""
     chance = random.Random(seed)

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.bench.assembly import emulated_instruments
 
 MODEL = """
 [film]
@@ -93,6 +98,16 @@ def write_bench(
         text = text.replace(old, new)
     (folder / "config.toml").write_text(text)
     return folder / "config.toml"
+
+
+def change_instrument(monkeypatch: pytest.MonkeyPatch, role: str, change: Callable[[Any], Any]) -> None:
+    """Put what `change` makes of a simulated bench's controller, or meter, in its place."""
+
+    def changed(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
+        found = emulated_instruments(file, start_s)
+        return [(at, name, change(one) if at == role else one) for at, name, one in found]
+
+    monkeypatch.setattr("rig.bench.assembly.emulated_instruments", changed)
 
 
 @contextmanager

@@ -19,9 +19,9 @@ from rig.core.errors import PortHeld
 from rig.drivers.registry import open_controller, open_meter
 from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals
-from sim.instruments.instrument import Instrument
 from tests.peltier import Peltier, begun
 from tests.rig.daemon.benches import until
+from tests.rig.drivers.far_ends import Wrapped
 from tests.rig.small import write_bench
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")
@@ -96,21 +96,14 @@ def open_in_another(port: str, lock: bool | None) -> Iterator[subprocess.Popen[s
     other.communicate()
 
 
-class Heard:
+class Heard(Wrapped):
     """An instrument, and what it was told."""
 
-    def __init__(self, instrument: Instrument) -> None:
-        self._instrument, self.data = instrument, b""
+    data = b""
 
     def receive(self, data: bytes, time_s: float) -> None:
         self.data += data
-        self._instrument.receive(data, time_s)
-
-    def transmit(self, time_s: float) -> bytes:
-        return self._instrument.transmit(time_s)
-
-    def next_transmit_s(self) -> float | None:
-        return self._instrument.next_transmit_s()
+        super().receive(data, time_s)
 
 
 @pytest.mark.parametrize(

@@ -5,50 +5,43 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
-import rig.bench.assembly
 from rig.bench.assembly import emulated_instruments
 from rig.config.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.peltier import Peltier
-from tests.rig.small import write_bench
+from tests.rig.drivers.far_ends import Wrapped
+from tests.rig.small import change_instrument, write_bench
 
 SET_CURRENT = b"VSC351"  # parameter 50001
 
 
-class Deaf:
+class Deaf(Wrapped):
     """A controller that does not hear some frames from a time on, or for a time."""
 
     def __init__(self, instrument: Any, begin_s: float, end_s: float, frames: bytes = b"") -> None:
-        self._instrument, self._begin_s, self._end_s, self._frames = instrument, begin_s, end_s, frames
+        super().__init__(instrument)
+        self._begin_s, self._end_s, self._frames = begin_s, end_s, frames
 
     def receive(self, data: bytes, time_s: float) -> None:
-        if self._frames in data and self._begin_s <= time_s < self._end_s:
-            return
-        self._instrument.receive(data, time_s)
-
-    def transmit(self, time_s: float) -> bytes:
-        data: bytes = self._instrument.transmit(time_s)
-        return data
-
-    def next_transmit_s(self) -> float | None:
-        due: float | None = self._instrument.next_transmit_s()
-        return due
+        if not (self._frames in data and self._begin_s <= time_s < self._end_s):
+            super().receive(data, time_s)
 
 
-class SpeaksGarbage(Deaf):
+class SpeaksGarbage(Wrapped):
     """An instrument whose answers turn into noise at a time."""
 
-    def receive(self, data: bytes, time_s: float) -> None:
-        self._instrument.receive(data, time_s)
+    def __init__(self, instrument: Any, begin_s: float, end_s: float) -> None:
+        super().__init__(instrument)
+        self._begin_s = begin_s
 
     def transmit(self, time_s: float) -> bytes:
-        data = self._instrument.transmit(time_s)
+        data = super().transmit(time_s)
         if time_s < self._begin_s or not data:
-            return bytes(data)
+            return data
         return bytes((byte * 7 + 3) % 251 for byte in data) + b"\r\n"
 
 
@@ -58,22 +51,17 @@ def events(folder: Path, kind: str) -> list[dict[str, Any]]:
 
 
 def deafened(monkeypatch: pytest.MonkeyPatch, begins_s: list[float], seconds: float, frames: bytes = b"") -> None:
-    def some_deaf(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
-        (role, name, controller), *others = emulated_instruments(file, start_s)
+    def deaf(controller: Any) -> Any:
         for begin_s in begins_s:
-            controller = cast(Any, Deaf(controller, begin_s, begin_s + seconds, frames))
-        return [(role, name, controller), *others]
+            controller = Deaf(controller, begin_s, begin_s + seconds, frames)
+        return controller
 
-    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", some_deaf)
+    change_instrument(monkeypatch, "controller", deaf)
 
 
 @pytest.mark.parametrize("how", [Deaf, SpeaksGarbage])
-def test_the_meter_dies(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, how: type[Deaf]) -> None:
-    def dies(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
-        controller, (role, name, meter) = emulated_instruments(file, start_s)
-        return [controller, (role, name, how(meter, 30.0, 1e9))]
-
-    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", dies)
+def test_the_meter_dies(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, how: type[Any]) -> None:
+    change_instrument(monkeypatch, "meter", lambda meter: how(meter, 30.0, 1e9))
     err = peltier.fails("run", write_bench(tmp_path), "--out", tmp_path / "run", status=10)
     assert "no good reading of the ohmmeter" in err
     assert ("check its supply and its cable" in err) == (how is Deaf)  # one that speaks garbage has both
@@ -140,7 +128,7 @@ def test_over_a_pseudo_terminal(tmp_path: Path, peltier: Peltier) -> None:
     truth = tmp_path / "truth"
     truth.mkdir()
     emulated = emulated_instruments(read_configuration(write_bench(truth)), 0.0)
-    instruments = {role: one for role, _, one in emulated}
+    instruments: dict[str, Any] = {role: one for role, _, one in emulated}
     instruments["controller"] = Deaf(instruments["controller"], 5.0, 6.0)
     current = 'kind = "current_profile"\ntarget = ["start 0.9 A", "hold 8 s"]\n'
     with PseudoTerminals(instruments) as terminals:

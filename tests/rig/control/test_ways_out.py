@@ -23,7 +23,7 @@ from rig.records.run_folder import RunFolder
 from sim.world.plant import SimulatedPlant
 from tests.peltier import Peltier
 from tests.rig.drivers.disobedient import Disobedient
-from tests.rig.small import no_file_above, write_bench
+from tests.rig.small import change_instrument, no_file_above, write_bench
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 limited = pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="file sizes are limited on POSIX only")
@@ -249,23 +249,12 @@ def test_what_goes_wrong_in_mid_run_trips(
         assert document["stop"]["readings_rejected"]["thermometer"] > 10
 
 
-def swap(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = rig.bench.assembly.emulated_instruments
-
-    def swapped(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
-        instruments = whole(file, start_s)
-        instruments[0][2]._heating_sign = -1
-        return instruments
-
-    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", swapped)
-
-
 @pytest.mark.parametrize("verb", ["run", "calibrate"])
 @pytest.mark.parametrize("first_degC", [30.0, 60.0, 93.0])
 def test_polarity_is_checked_with_a_small_pulse(
     monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, verb: str, first_degC: float
 ) -> None:
-    swap(monkeypatch)
+    change_instrument(monkeypatch, "controller", lambda one: setattr(one, "_heating_sign", -1) or one)
     path = write_bench(tmp_path, changed=[("first_degC = 60.0", f"first_degC = {first_degC}")])
     assert "polarity" in peltier.fails(verb, path, "--out", tmp_path / "run", status=10)
     trip = json.loads((tmp_path / "run.part" / "trip.json").read_text())
@@ -369,18 +358,16 @@ def disobeys(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[Disobedien
 
     def make(fault: str) -> list[Disobedient]:
         wrapped: list[Disobedient] = []
-        whole = rig.bench.assembly.emulated_instruments
 
-        def emulated(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
-            (role, driver, controller), *others = whole(file, start_s)
+        def wrap(controller: Any) -> Disobedient:
             wrapped.append(Disobedient(controller, fault))
-            return [(role, driver, wrapped[0]), *others]
+            return wrapped[0]
 
         def trip() -> None:
             wrapped[0].begin()
             raise Tripped("test", "a test trips", 0.0)
 
-        monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", emulated)
+        change_instrument(monkeypatch, "controller", wrap)
         at_row(monkeypatch, 100, trip)
         return wrapped
 
@@ -432,14 +419,7 @@ def test_nobody_would_switch_off(peltier: Peltier, tmp_path: Path, verb: str) ->
 
 
 def test_check_clears_an_error_if_told(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
-    whole = rig.bench.assembly.emulated_instruments
-
-    def tripped(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
-        instruments = whole(file, start_s)
-        instruments[0][2].trip(104)
-        return instruments
-
-    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", tripped)
+    change_instrument(monkeypatch, "controller", lambda one: one.trip(104) or one)
     path = write_bench(tmp_path)
     status, out, _ = peltier("check", path)  # nobody is there to be asked
     assert status == 1

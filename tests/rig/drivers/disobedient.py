@@ -18,17 +18,19 @@ from typing import Any
 from sim.instruments.meerstetter import READY, RUN, MeerstetterTec
 from sim.instruments.srs_ldc500 import SrsLdc500
 from sim.instruments.te_technology import TeTechnology
+from tests.rig.drivers.far_ends import Wrapped
 
 FAULTS = ("deaf", "deaf to all", "lying", "silent", "replies lost")
 OFF_PARAMETERS = {b"VS07DA": b"00000000", b"VSC350": b"00000000"}  # 2010, 50000: only what switches off is ignored
 ZERO_PARAMETERS = {b"VSC351": b"00000000", b"VS07D0": b"00000001"}  # 50001 = 0 A, 2000 = the live source
 
 
-class Disobedient:
+class Disobedient(Wrapped):
     """Wraps `instrument`. late_s: of "late status"."""
 
     def __init__(self, instrument: Any, fault: str, *, late_s: float = 0.3) -> None:
-        self.instrument, self.fault = instrument, fault
+        super().__init__(instrument)
+        self.fault = fault
         self._late_s = late_s
         self.wrong = False
         self._heal: list[Callable[[], object]] = []
@@ -53,15 +55,11 @@ class Disobedient:
 
     def receive(self, data: bytes, time_s: float) -> None:
         if not (self.wrong and self.fault == "silent"):
-            self.instrument.receive(data, time_s)
+            super().receive(data, time_s)
 
     def transmit(self, time_s: float) -> bytes:
-        data: bytes = self.instrument.transmit(time_s)
+        data = super().transmit(time_s)
         return b"" if self.wrong and self.fault in ("silent", "replies lost") else data
-
-    def next_transmit_s(self) -> float | None:
-        due: float | None = self.instrument.next_transmit_s()
-        return due
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.instrument, name)

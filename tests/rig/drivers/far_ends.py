@@ -31,6 +31,24 @@ class Answering:
         return self._due[0][0] if self._due else None
 
 
+class Wrapped:
+    """An instrument as it is; what a subclass does otherwise is what is wrong with it."""
+
+    def __init__(self, instrument: Any) -> None:
+        self.instrument = instrument
+
+    def receive(self, data: bytes, time_s: float) -> None:
+        self.instrument.receive(data, time_s)
+
+    def transmit(self, time_s: float) -> bytes:
+        data: bytes = self.instrument.transmit(time_s)
+        return data
+
+    def next_transmit_s(self) -> float | None:
+        due: float | None = self.instrument.next_transmit_s()
+        return due
+
+
 class Host:
     """Speaks to one emulated instrument and keeps the time; patience_s: from a message to its answer."""
 

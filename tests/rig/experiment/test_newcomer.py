@@ -22,7 +22,7 @@ from rig.daemon.status_text import clock
 from rig.experiment.feasibility import expected_calibration, expected_run
 from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.peltier import Peltier
-from tests.rig.drivers.far_ends import Answering
+from tests.rig.drivers.far_ends import Answering, Wrapped
 from tests.rig.small import write_bench
 
 
@@ -74,15 +74,11 @@ def test_limits_in_kelvin_never_reach_the_controller(tmp_path: Path, peltier: Pe
         path = write_bench(tmp_path)
 
 
-class ByCarriageReturn:
+class ByCarriageReturn(Wrapped):
     """A meter whose menu has CR for its terminator."""
 
-    def __init__(self, meter: Any) -> None:
-        self._meter = meter
-        self.receive, self.next_transmit_s = meter.receive, meter.next_transmit_s
-
     def transmit(self, time_s: float) -> bytes:
-        return bytes(self._meter.transmit(time_s).replace(b"\n", b"\r"))
+        return super().transmit(time_s).replace(b"\n", b"\r")
 
 
 def test_a_meter_whose_answers_have_another_end_is_told_from_a_silent_one(tmp_path: Path, peltier: Peltier) -> None:
