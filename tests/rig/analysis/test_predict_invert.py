@@ -42,6 +42,15 @@ def cooled(v: float) -> list[float]:
     return [min(1.0 - r, falling(v) + r) for r in RADII]
 
 
+def course(temperatures: list[float]) -> list[float]:
+    """The film's output at each, when it was cooled to the first."""
+    plays, before, found = cooled(temperatures[0]), temperatures[0], []
+    for v in temperatures:
+        plays, before = moved(v, before, plays), v
+        found.append(output(v, plays))
+    return found
+
+
 def rows(path: Path) -> list[dict[str, str]]:
     with path.open() as file:
         return list(csv.DictReader(file))
@@ -50,10 +59,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_predict_follows_the_equations(peltier: Peltier, tmp_path: Path) -> None:
     (tmp_path / "model.toml").write_text(MODEL)
     temperatures = [50.0, 62.0, 66.5, 66.5, 61.0, 57.0, 64.0, 80.0, 30.0]
-    plays, before, expected = cooled(50.0), 50.0, []
-    for v in temperatures:
-        plays, before = moved(v, before, plays), v
-        expected.append(10.0 ** -output(v, plays))
+    expected = [10.0**-y for y in course(temperatures)]
     lines = [f"{k},{v!r},{r * 1.01!r},note{k}" for k, (v, r) in enumerate(zip(temperatures, expected, strict=True))]
     lines[3] = "3,66.5,,note3"
     record = tmp_path / "record.csv"
@@ -103,33 +109,21 @@ def test_invert_gives_temperatures_that_give_the_targets(peltier: Peltier, tmp_p
     )
     written = rows(tmp_path / "out.csv")
     assert [row["label"] for row in written] == [f"x{k}" for k in range(7)]
-    first = float(written[0]["temperature_degC"])
-    plays, before = cooled(first), first
+    degC = [float(row["temperature_degC"]) for row in written]
+    given = [10.0**-y for y in course(degC)]
+    assert [float(row["resistance_ohm"]) for row in written] == pytest.approx(given, rel=1e-9)
     for k, (row, target) in enumerate(zip(written, targets, strict=True)):
-        v = float(row["temperature_degC"])
         reachable = row["reachable"] == "1"
         assert reachable == (k not in (2, 5))
-        if not reachable:
-            assert v == before
-        plays, before = moved(v, before, plays), v
-        given = 10.0 ** -output(v, plays)
-        assert float(row["resistance_ohm"]) == pytest.approx(given, rel=1e-9)
         if reachable:
-            assert given == pytest.approx(target, rel=1e-8)
+            assert given[k] == pytest.approx(target, rel=1e-8)
             assert row["nearest_ohm"] == row["resistance_ohm"]
             assert row["nearest_degC"] == row["temperature_degC"]
+        else:
+            assert degC[k] == degC[k - 1]
     assert [float(written[k]["nearest_degC"]) for k in (2, 5)] == pytest.approx([0.0, 120.0], abs=1e-9)
-    coldest = moved(0.0, float(written[1]["temperature_degC"]), _plays_after(written[:2]))
-    assert float(written[2]["nearest_ohm"]) == pytest.approx(10.0 ** -output(0.0, coldest), rel=1e-8)
-
-
-def _plays_after(written: list[dict[str, str]]) -> list[float]:
-    before = float(written[0]["temperature_degC"])
-    plays = cooled(before)
-    for row in written:
-        v = float(row["temperature_degC"])
-        plays, before = moved(v, before, plays), v
-    return plays
+    coldest = course([*degC[:2], 0.0])[-1]
+    assert float(written[2]["nearest_ohm"]) == pytest.approx(10.0**-coldest, rel=1e-8)
 
 
 def test_no_first_target_yet(peltier: Peltier, tmp_path: Path) -> None:
@@ -158,10 +152,7 @@ def test_a_film_that_mixes_otherwise_is_predicted_and_inverted(peltier: Peltier,
     model = tmp_path / "model.toml"
     model.write_text(MODEL.replace("[plate]", MIXING + "[plate]"))
     temperatures = [50.0, 62.0, 66.5, 61.0, 57.0, 64.0, 80.0, 30.0]
-    plays, before, expected = cooled(50.0), 50.0, []
-    for v in temperatures:
-        plays, before = moved(v, before, plays), v
-        expected.append(10.0 ** -mixed(output(v, plays)))
+    expected = [10.0 ** -mixed(y) for y in course(temperatures)]
     lines = [f"{k},{v!r},{r!r}" for k, (v, r) in enumerate(zip(temperatures, expected, strict=True))]
     (tmp_path / "record.csv").write_text("time_s,temperature_degC,resistance_ohm\n" + "\n".join(lines) + "\n")
     words = ("--drive", "temperature", "--json", tmp_path / "predicted.json", "--out", tmp_path / "predicted.csv")
@@ -173,11 +164,8 @@ def test_a_film_that_mixes_otherwise_is_predicted_and_inverted(peltier: Peltier,
     *found, beyond = rows(tmp_path / "inverted.csv")
     assert [float(row["resistance_ohm"]) for row in found] == pytest.approx(expected[1:5], rel=3e-9)
     assert beyond["reachable"] == "0"
-    plays, before = cooled(float(found[0]["temperature_degC"])), float(found[0]["temperature_degC"])
-    for row, ohm in zip(found, expected[1:5], strict=True):
-        v = float(row["temperature_degC"])
-        plays, before = moved(v, before, plays), v
-        assert 10.0 ** -mixed(output(v, plays)) == pytest.approx(ohm, rel=3e-9)
+    given = [10.0 ** -mixed(y) for y in course([float(row["temperature_degC"]) for row in found])]
+    assert given == pytest.approx(expected[1:5], rel=3e-9)
 
 
 def test_the_benchs_page_draws_the_loop_of_a_film_that_mixes_otherwise(tmp_path: Path) -> None:

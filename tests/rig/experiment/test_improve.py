@@ -134,15 +134,21 @@ CANDIDATE = {
 }
 
 
-def test_a_candidate_is_tried(peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A name says what is there, a model has only to predict: the second run judges."""
+@pytest.fixture
+def diagnosis(folder: Path, monkeypatch: pytest.MonkeyPatch) -> RecordReport:
+    """That of the first run, known already: it takes seconds. A test changes what it says."""
     files = files_in(folder / "better" / "diagnosis")
-    text = files["model.toml"].replace(b"actuator_delay", b"sensor_lag")
-    files["candidate.toml"] = text.replace(b"delay_s", b"tau_s")
-    document = {**json.loads(files["diagnosis.json"]), "effects": [], "candidates": [CANDIDATE]}
-    monkeypatch.setattr(
-        "rig.report.diagnosis.report_diagnosis", lambda *words, **more: RecordReport(document, ("",), files)
-    )
+    said = RecordReport(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
+    monkeypatch.setattr("rig.report.diagnosis.report_diagnosis", lambda *words, **more: said)
+    return said
+
+
+def test_a_candidate_is_tried(peltier: Peltier, folder: Path, tmp_path: Path, diagnosis: RecordReport) -> None:
+    """A name says what is there, a model has only to predict: the second run judges."""
+    text = diagnosis.files["model.toml"].replace(b"actuator_delay", b"sensor_lag")
+    diagnosis.files["candidate.toml"] = text.replace(b"delay_s", b"tau_s")
+    document = diagnosis.document
+    document |= {"effects": [], "candidates": [CANDIDATE]}
     words = ("improve", folder / "first", "--config", folder / "config.toml", "--yes", "--out")
     out = peltier.succeeds(*words, tmp_path / "tried")
     said = json.loads((tmp_path / "tried" / "improvement.json").read_text())
@@ -158,39 +164,24 @@ def test_a_candidate_is_tried(peltier: Peltier, folder: Path, tmp_path: Path, mo
     assert (said["new"], said["tried"]) == (["actuator_delay"], [])
 
 
-def test_no_better_is_not_run(peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_better_is_not_run(peltier: Peltier, folder: Path, tmp_path: Path, diagnosis: RecordReport) -> None:
     """A delay of 8 s in the place of 0.8: no held-out row would have let it pass, and nothing is heated with it."""
-    files = files_in(folder / "better" / "diagnosis")
     found = read_toml(folder / "better" / "diagnosis" / "model.toml")["effects"][0]["delay_s"]
-    files["model.toml"] = files["model.toml"].replace(f"delay_s = {found}".encode(), b"delay_s = 8.0")
-    assert b"delay_s = 8.0" in files["model.toml"]
-    said = RecordReport(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
-    monkeypatch.setattr("rig.report.diagnosis.report_diagnosis", lambda *words, **more: said)
+    model = diagnosis.files["model.toml"]
+    diagnosis.files["model.toml"] = model.replace(f"delay_s = {found}".encode(), b"delay_s = 8.0")
+    assert b"delay_s = 8.0" in diagnosis.files["model.toml"]
     words = ("improve", folder / "first", "--config", folder / "config.toml", "--yes", "--out", tmp_path / "b")
     out = peltier.succeeds(*words)
     assert "Not run again: with the extended model temperature of the run's own record is predicted to " in out
     assert not (tmp_path / "b" / "run").exists()
 
 
-@pytest.fixture
-def known(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The same, its diagnosis known already: it takes seconds."""
-    files = files_in(folder / "better" / "diagnosis")
-    said = RecordReport(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
-    monkeypatch.setattr("rig.report.diagnosis.report_diagnosis", lambda *words, **more: said)
-    return folder
-
-
 def test_what_the_model_has_is_run_again_where_it_tells_the_run_better_for_being_fitted_to_it(
-    peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    peltier: Peltier, folder: Path, tmp_path: Path, diagnosis: RecordReport
 ) -> None:
     """The run's model knows the delay at its size. With the very same plate nothing is to be expected of a second run,
     with one that is a tenth nearer to what was measured much is."""
-    files, better = files_in(folder / "better" / "diagnosis"), folder / "better"
-    document = json.loads(files["diagnosis.json"])
-    monkeypatch.setattr(
-        "rig.report.diagnosis.report_diagnosis", lambda *words, **more: RecordReport(document, ("",), files)
-    )
+    document, better = diagnosis.document, folder / "better"
     run = tmp_path / "run"
     shutil.copytree(better / "run", run)
     words = ("improve", run, "--config", better / "config.toml", "--yes", "--out")
@@ -202,7 +193,7 @@ def test_what_the_model_has_is_run_again_where_it_tells_the_run_better_for_being
     document["effects"] = [other_size]
     _, out, _ = peltier(*words, tmp_path / "other")
     assert "Not run again: with film and plate fitted to the run temperature of its record is predicted to " in out
-    document["effects"] = json.loads(files["diagnosis.json"])["effects"]
+    document["effects"] = json.loads(diagnosis.files["diagnosis.json"])["effects"]
     text = (run / "model.toml").read_text()
     assert "effects = [" in text
     (run / "model.toml").write_text(text.replace("effects = [", 'effects = [{ name = "sensor_lag", tau_s = 0.1 },', 1))
@@ -221,9 +212,12 @@ def test_what_the_model_has_is_run_again_where_it_tells_the_run_better_for_being
     assert (tmp_path / "fitted" / "run" / "run.json").is_file()
 
 
-def test_it_asks_before_heating(peltier: Peltier, known: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("diagnosis")
+def test_it_asks_before_heating(
+    peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("sys.stdin", Terminal("n\n"))
-    words = ("improve", known / "first", "--config", known / "config.toml", "--out")
+    words = ("improve", folder / "first", "--config", folder / "config.toml", "--out")
     out = peltier.succeeds(*words, tmp_path / "no")
     assert "It heats: meerstetter at sim://" in out
     assert "limits 10 to 95 degC and 4 A" in out
@@ -270,7 +264,8 @@ def test_no_run_and_no_configuration(peltier: Peltier, folder: Path, tmp_path: P
     assert (status, err) == (2, f"{tmp_path / 'none.toml'}: no such file\n")
 
 
-def test_status_of_a_daemon(peltier: Peltier, known: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("diagnosis")
+def test_status_of_a_daemon(peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
     def handed_over(verb: str, config: Path, out: Path, json_target: str | None, bench: str | None) -> int:
@@ -278,8 +273,8 @@ def test_status_of_a_daemon(peltier: Peltier, known: Path, tmp_path: Path, monke
         return 10
 
     monkeypatch.setattr("rig.command.experiments.handed_over", handed_over)
-    words = ("--config", known / "config.toml", "--out", tmp_path / "out", "--yes", "--bench", "lab")
-    assert peltier("improve", known / "first", *words)[0] == 10
+    words = ("--config", folder / "config.toml", "--out", tmp_path / "out", "--yes", "--bench", "lab")
+    assert peltier("improve", folder / "first", *words)[0] == 10
     model = tmp_path / "out" / "diagnosis" / "model.toml"
     assert asked == [("run", str(model), tmp_path / "out" / "run", "lab")]
     assert not (tmp_path / "out" / "improvement.json").exists()

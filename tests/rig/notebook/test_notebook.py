@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 
 import rig
-import rig.bench.assembly
 from rig.core.faults import python_words
 from rig.core.outcome import NotConfirmedOff
 from rig.drivers.meerstetter import MeerstetterController
@@ -27,7 +26,7 @@ from rig.records.record_file import write_columns
 from tests.peltier import Peltier
 from tests.rig.control.test_ways_out import at_row
 from tests.rig.drivers.disobedient import Disobedient
-from tests.rig.small import MODEL, write_bench
+from tests.rig.small import MODEL, change_instrument, write_bench
 
 PROFILE = ["start 1.1 A", "sine 1.7 A period 120 s for 240 s"]
 
@@ -259,16 +258,12 @@ def test_a_signal_in_a_run_is_an_interrupt(bench_file: Path, tmp_path: Path, mon
 
 def test_not_confirmed_off_says_what_to_do(bench_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Disobedient] = []
-    whole = rig.bench.assembly.emulated
 
-    def wrapped(*words: Any, **more: Any) -> Any:
-        emulator = whole(*words, **more)
-        if made:  # the controller comes first, then the meter
-            return emulator
-        made.append(Disobedient(emulator, "silent"))
+    def wrap(controller: Any) -> Disobedient:
+        made.append(Disobedient(controller, "silent"))
         return made[0]
 
-    monkeypatch.setattr(rig.bench.assembly, "emulated", wrapped)
+    change_instrument(monkeypatch, "controller", wrap)
 
     def work() -> None:
         with rig.open_bench(bench_file) as bench:
