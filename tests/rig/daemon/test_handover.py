@@ -125,11 +125,7 @@ def hand(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tm
     ],
 )
 def test_an_output_that_nobody_answers_for_outranks_the_jobs_status(
-    status: int,
-    state: dict[str, Any] | None,
-    expected: int,
-    said: str,
-    hand: Hand,
+    status: int, state: dict[str, Any] | None, expected: int, said: str, hand: Hand
 ) -> None:
     daemon = _Daemon(status, state)
     found, out, err = hand(daemon)
@@ -200,11 +196,7 @@ HELD = {**FREE, "state": "tripped"}
     ],
 )
 def test_a_job_that_waited_when_its_daemon_was_killed_never_began(
-    told: list[dict[str, Any] | None],
-    status: int,
-    said: str,
-    hand: Hand,
-    tmp_path: Path,
+    told: list[dict[str, Any] | None], status: int, said: str, hand: Hand, tmp_path: Path
 ) -> None:
     daemon = _Daemon(0, GONE)
     daemon.tells = [job_of("8", started_s=0.0, ended_s=1.0) if state is None else state_of(state) for state in told]
@@ -243,11 +235,7 @@ def test_a_job_that_waited_when_its_daemon_ended_never_began(state: str, status:
     ],
 )
 def test_a_job_whose_daemon_was_killed_ends_as_its_guard_found(
-    confirmed: bool | None,
-    status: int,
-    said: str,
-    hand: Hand,
-    tmp_path: Path,
+    confirmed: bool | None, status: int, said: str, hand: Hand, tmp_path: Path
 ) -> None:
     """The guard writes it into the folder of the run that went on, which is known from the job's first word."""
     folder = tmp_path / "7.part"
@@ -274,13 +262,7 @@ def test_a_job_whose_daemon_was_killed_ends_as_its_guard_found(
     ],
 )
 def test_a_job_that_is_ended_while_its_daemon_ends(
-    calibrated_at: str,
-    reason: str,
-    confirmed: bool,
-    status: int,
-    said: str,
-    hand: Hand,
-    tmp_path: Path,
+    calibrated_at: str, reason: str, confirmed: bool, status: int, said: str, hand: Hand, tmp_path: Path
 ) -> None:
     """Nobody answers to the Ctrl-C: what is written of the run's end counts, not that of the calibration before it, and
     a clock that was set back in between makes no "confirmed" of one that is not."""
