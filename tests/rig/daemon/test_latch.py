@@ -118,7 +118,7 @@ def test_an_unreadable_latch_is_a_trip(file: ConfigurationFile, how: str, monkey
     if how.startswith("deleted"):
         path.unlink()
     else:
-        path.write_bytes(path.read_bytes()[:4096] + (b"" if how == "truncated" else b"x" * 4096))
+        path.write_bytes(path.read_bytes()[:-512] + (b"" if how == "truncated" else b"x" * 512))
     if how.endswith("read"):
         monkeypatch.setattr("rig.daemon.command_queue.Store", no_room)
     with life(file) as commands:
