@@ -63,6 +63,8 @@ ALIKE: Final = 0.5  # of the mean square in motion: at rest it is as large, but 
 LEVELS: Final = 8  # of what is shown, between which the size of the white noise may change
 A_LEVEL: Final = 100  # readings: a variance is then known to a fifth
 MEDIANS: Final = 0.19  # of the information on a variance: a median has 0.37 (Huber, ch. 5), neighbours' bends half
+FARTHER: Final = math.log(30.0)  # of size and time of a discrepancy, by factors: what a fit of a few numbers hides
+UNDETERMINED: Final = 1e-9  # of a parameter's information: above rounding where two of them do the same
 LOG_SHARE: Final = (-4.0, 1.0)  # bounds of ln(noise / step): below a fiftieth of a step no noise is seen
 LEAST_KNOWN: Final = 1e-6  # of a reading's information: it is divided by
 
@@ -328,6 +330,36 @@ class ChannelNoise:
     def white(self, size: float) -> ChannelNoise:
         """The same readings with noise of which nothing goes on in time."""
         return replace(self, noise=Noise(size, step=self.noise.step), of_instrument=False)
+
+    def restricted(self, residual: Array, columns: Array, precision: Array) -> ChannelNoise:
+        """The same with the discrepancy of the highest likelihood once the parameters are integrated out: a fit takes
+        part of a slow discrepancy for its own, and what it leaves seems smaller and shorter than it is
+        (H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545).
+
+        columns: changes of the readings by the parameters, (readings, parameters); precision: what else is known of
+        these, (parameters, parameters)."""
+        if self.noise.slow == 0.0 or self.of_instrument:
+            return self
+        size = np.sqrt(np.sum(self.whitening.of(columns) ** 2, axis=0) + np.diag(precision))
+        size = np.where(size > 0.0, size, 1.0)
+        every, known = np.column_stack((columns / size, residual)), precision / np.outer(size, size)
+        known[np.diag_indices_from(known)] += UNDETERMINED
+        start = np.log([self.noise.slow, self.noise.tau_s])
+
+        def trial(place: Array) -> ChannelNoise:
+            slow, tau_s = np.exp(np.clip(place, start - FARTHER, start + FARTHER)).tolist()
+            return replace(self, noise=replace(self.noise, slow=slow, tau_s=tau_s))
+
+        def cost(place: Array) -> float:
+            whitening = trial(place).whitening
+            white = whitening.of(every)
+            inner = white.T @ white
+            factor = cho_factor(inner[:-1, :-1] + known)
+            explained = inner[:-1, -1] @ cho_solve(factor, inner[:-1, -1])
+            determinant = float(np.sum(np.log(np.diag(factor[0]))))
+            return float(inner[-1, -1] - explained) + 2.0 * (determinant - whitening.log_scale)
+
+        return trial(minimize(cost, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02}).x)
 
     def without_slow(self) -> ChannelNoise:
         """The same size of noise, all of it white but for the instrument's colour."""

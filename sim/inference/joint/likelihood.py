@@ -246,11 +246,17 @@ class Fit:
 
     def covariance(self, without: Sequence[str] = ()) -> Covariance:
         """Of all nonlinear parameters, the film's weights projected off. without: parameters whose priors are left out,
-        so that only the record tells of them. Whitened residuals of a right model are white; where they are not quite,
-        the sandwich over blocks of rows widens it."""
-        joint, at = self.joint, self.at
-        jacobian, residual = joint.jacobian(at, self.metric), joint.residual(at)
-        split = joint.rows_K.size
+        so that only the record tells of them. The plate's discrepancy is that of the restricted likelihood. Whitened
+        residuals of a right model are white; where they are not quite, the sandwich over blocks of rows widens it."""
+        joint, at, channel = self.joint, self.at, self.metric.temperature
+        known = np.isfinite(joint.prior_deviation) & ~np.isin(joint.names, without)
+        precision = np.diag(np.where(known, joint.prior_deviation, np.inf) ** -2.0)
+        derivatives, split = joint.derivatives(at, self.metric), joint.rows_K.size
+        if joint.driven and channel.noise.slow > 0.0:
+            more = joint.whitened(at, self.metric, derivatives)[split:]
+            channel = channel.restricted(at.residual_K, derivatives[:split], precision + more.T @ more)
+            at = replace(at, white_K=channel.whitening.of(at.residual_K))
+        jacobian, residual = joint.whitened(at, Metric(channel, self.metric.output), derivatives), joint.residual(at)
         if joint.film is not None:
             active = at.design[:, at.active]
             normal = active.T @ active + np.diag(joint.film.precision[at.active])
@@ -259,8 +265,6 @@ class Fit:
             film = jacobian[split:]
             film = film - (active * scale) @ cho_solve(cho_factor(normal), (active * scale).T @ film)
             jacobian = np.vstack((jacobian[:split], film))
-        known = np.isfinite(joint.prior_deviation) & ~np.isin(joint.names, without)
-        precision = np.diag(np.where(known, joint.prior_deviation, np.inf) ** -2.0)
         return block_sandwich(jacobian, residual, precision=precision)
 
     @cached_property
