@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, relative_variance, variances
+from sim.inference.noise import (
+    ChannelNoise,
+    Noise,
+    Readings,
+    Whitening,
+    discrepancy,
+    estimate,
+    relative_variance,
+    variances,
+)
 
 
 def covariance(time: np.ndarray, noise: Noise) -> np.ndarray:
@@ -97,3 +106,22 @@ def test_noise_that_goes_with_the_reading_is_told_by_it() -> None:
     ends = np.mean(level[:1000]) / np.mean(level[-1000:])
     assert ends == pytest.approx(16.0, rel=0.3)
     assert np.all(relative_variance(0.001 * rng.standard_normal(shown.size), shown) == 1.0)
+
+
+def test_what_a_fit_takes_of_a_discrepancy_counts_in_its_size() -> None:
+    """A draught of a minute in a record of some minutes: else the intervals of room and loss hold the truth too seldom.
+    What acts slowly is its size squared times its correlation time."""
+    true, rng = Noise(0.02, 0.2, 40.0), np.random.default_rng(4)
+    time = np.arange(300.0)
+    columns = np.cos(np.pi * np.outer(time / time[-1], np.arange(6)))
+    factor, readings = np.linalg.cholesky(covariance(time, true)), Readings.at(time)
+    shares = []
+    for _ in range(15):
+        values = factor @ rng.normal(size=time.size)
+        residual = values - columns @ np.linalg.lstsq(columns, values)[0]
+        fitted = ChannelNoise(estimate(residual, readings), readings)
+        whole = fitted.restricted(residual, columns, np.zeros((6, 6)))
+        shares.append([n.slow**2 * n.tau_s / (true.slow**2 * true.tau_s) for n in (fitted.noise, whole.noise)])
+    of_residual, of_all = np.median(shares, axis=0)
+    assert of_residual < 0.5
+    assert 0.7 < of_all < 1.4
