@@ -3,9 +3,9 @@
     ./peltier benchmark error_bars [--records 200]
 
 Each record is of a film of the model's own class (8 to 13 operators, radii on nobody's grid), 5,000 rows of a decaying
-oscillation, noise 0.002 dec; a fit's radii are dense at first and joined where they carry weight. Counted are the parameters that the fit declares
-identified (a finite standard error), and the film's true log R on a new random profile, inside their 95 % intervals.
-Asked: 92 to 98 %.
+oscillation, noise 0.002 dec; a fit's radii are dense at first and joined where they carry weight. Counted are the
+parameters that the fit declares identified (a finite standard error), and the film's true log R on a new random
+profile, inside their 95 % intervals. Asked: 92 to 98 %.
 """
 
 from __future__ import annotations

@@ -80,7 +80,8 @@ def one(job: tuple[str, int]) -> tuple[list[float], list[float], float]:
 
 def main() -> None:
     asked = options(__doc__, plates=40)
-    print(f"{'kind':<12}{'inside':>14}{'binomial 95 %':>18}{'rms of error/deviation':>26}{'slopes':>14}{'s a plate':>12}")
+    print(f"{'kind':<12}{'inside':>14}{'binomial 95 %':>18}{'rms of error/deviation':>26}{'slopes':>14}", end="")
+    print(f"{'s a plate':>12}")
     for kind in KINDS:
         done = list(side_by_side(one, [(kind, seed) for seed in range(asked.plates)], asked.workers))
         off = np.array([z for each, _, _ in done for z in each])
