@@ -3,8 +3,13 @@
 No clock, no port and no file is known here; time is a parameter.
 """
 
+from __future__ import annotations
+
 import os
-from collections.abc import Callable
+
+TYPE_CHECKING = False  # `peltier off` comes through here, and `typing` takes longer than all else that it imports
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 listeners: list[Callable[[str], None]] = []
 """The last one is called with a line when loops are compiled, and when they cannot be kept."""

@@ -9,13 +9,17 @@ docs/python.md is an hour with them. A name is loaded when it is first used, so 
 `import rig` costs nothing.
 """
 
+from __future__ import annotations
+
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
 from compensator import listeners
 
+TYPE_CHECKING = False  # `typing` takes a quarter of Python's own start, and `peltier off` comes through here
 if TYPE_CHECKING:
+    from typing import Any
+
     from rig.config.model_file import Model as Model
     from rig.core.faults import Faults as Faults
     from rig.experiment.simulation import simulated_rig as simulated_rig

@@ -1,20 +1,25 @@
-"""The command line: `peltier VERB ...`. A verb's module is imported only when it is called."""
+"""The command line: `peltier VERB ...`. A verb's module is imported only when it is called.
+
+`off` and `stop` come through here, with an output to switch off: only what they need is imported at the top, here and
+in what they import (rig.command.bench, rig.daemon.client, rig.core).
+"""
 
 from __future__ import annotations
 
 import argparse
 import importlib
-import inspect
 import io
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any, NoReturn
 
 from rig.core.faults import Faults
-from rig.core.streams import open_standard_streams, outlive_readers
+from rig.core.standard_streams import open_standard_streams, outlive_readers
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from typing import Any, NoReturn
 
 # file of rig.command -> its verbs, each a function with its options in VERB_arguments -> what it does, for the overview
 FILES = {
@@ -133,16 +138,21 @@ class _OneLine(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message.removeprefix('argument ')} ({self.prog} --help: its options)\n")
 
+    def format_help(self) -> str:
+        import inspect  # not needed by `off`, and as long to load as all that is
+
+        self.description = inspect.cleandoc(self.description or "")
+        self.formatter_class = argparse.RawDescriptionHelpFormatter
+        return super().format_help()
+
 
 def _act(verb: str, words: list[str], own_process: bool) -> int:
     """Read the words and do what they say. Importing is part of it: Ctrl-C comes then, too."""
     module = importlib.import_module(f"rig.command.{VERBS[verb]}")
     act = getattr(module, verb)
-    parser = _OneLine(
-        prog=f"peltier {verb}",
-        description=inspect.cleandoc(act.__doc__),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    # each option is tried with a formatter as it is added; one that asks for the terminal's width loads six modules
+    plain = lambda prog: argparse.HelpFormatter(prog, width=80)  # noqa: E731
+    parser = _OneLine(prog=f"peltier {verb}", description=act.__doc__, formatter_class=plain)
     getattr(module, f"{verb}_arguments")(parser)
     try:
         options = parser.parse_args(words)
@@ -157,19 +167,24 @@ def _refuse_overwriting(options: argparse.Namespace) -> None:
     """Raise Faults if a file to be written is one of those to be read, or a run's, or is named twice: a record that was
     measured once is not replaced."""
     given = vars(options)
-    written = {name: Path(given[name]) for name in WRITTEN if given.get(name) not in (None, "-", "")}
+    named = {name: given[name] for name in WRITTEN if given.get(name) not in (None, "-", "")}
+    if not named:
+        return
+    from pathlib import Path
+
+    written = {name: Path(path) for name, path in named.items()}
     read = [path for name, value in given.items() if name not in WRITTEN for path in _files(value)]
     faults = [
         f"{path}: --{name}: is what is read; expected another file"
         for name, path in written.items()
-        if _is_file(path) and any(path.samefile(other) for other in read)
+        if os.path.isfile(path) and any(path.samefile(other) for other in read)
     ]
     faults += [
         f"{path}: --{name}: belongs to the run in {path.parent}; expected another file"
         for name, path in written.items()
-        if path.name in OF_A_RUN and _is_file(path) and _is_file(path.parent / DOCUMENT)
+        if path.name in OF_A_RUN and os.path.isfile(path) and os.path.isfile(path.parent / DOCUMENT)
     ]
-    if "report" in written and _is_file(written["report"] / DOCUMENT):
+    if "report" in written and os.path.isfile(written["report"] / DOCUMENT):
         faults.append(f"{written['report']}: --report: is a run's folder; expected another, such as one inside it")
     if "out" in written and written.get("json") == written["out"]:
         faults.append(f"{written['out']}: --out and --json: the same file; expected two")
@@ -177,19 +192,11 @@ def _refuse_overwriting(options: argparse.Namespace) -> None:
         raise Faults(faults)
 
 
-def _files(value: Any) -> Iterator[Path]:
+def _files(value: Any) -> Iterator[str | os.PathLike[str]]:
     """Yield the files that exist among an option's values."""
     for one in value if isinstance(value, (list, tuple)) else [value]:
-        if isinstance(one, (str, Path)) and _is_file(one):
-            yield Path(one)
-
-
-def _is_file(path: str | Path) -> bool:
-    """Return True if a file exists; a text that can be no path is none."""
-    try:
-        return Path(path).is_file()
-    except (OSError, ValueError):
-        return False
+        if isinstance(one, (str, os.PathLike)) and os.path.isfile(one):
+            yield one
 
 
 def _exit_status(action: Callable[[], int], verb: str, own_process: bool = False) -> int:

@@ -7,8 +7,6 @@ import os
 import sys
 import time
 from contextlib import suppress
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff
@@ -24,9 +22,11 @@ from rig.daemon.client import (
     text_stream,
     write_json,
 )
-from rig.daemon.status_text import status_rows, watch_line
 
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from rig.core.errors import PortHeld
     from rig.drivers.controller import TemperatureController
     from rig.guard.takeover import Held
@@ -43,6 +43,8 @@ def status(options: argparse.Namespace) -> int:
     Exit status 0 where a daemon answers, 1 where none does, 11 where the output should be off and that is not
     confirmed.
     """
+    from rig.daemon.status_text import status_rows
+
     status = 0
     for client in daemons_called(options.bench) if options.json is None else [one_daemon(options.bench)]:
         with client:
@@ -97,6 +99,8 @@ def _table(client: Client, end_s: float | None) -> None:
     from rich.live import Live
     from rich.table import Table
 
+    from rig.daemon.status_text import status_rows
+
     colour = {"running": "green", "tripped": "bold red", "stopped": "bold yellow", "offline": "bold red"}
     with Live(auto_refresh=False) as live:
         for state in _states(client, end_s, EVERY_S):
@@ -109,6 +113,8 @@ def _table(client: Client, end_s: float | None) -> None:
 
 
 def _lines(client: Client, end_s: float | None) -> None:
+    from rig.daemon.status_text import watch_line
+
     for state in _states(client, end_s, LINE_EVERY_S):
         print(watch_line(state), flush=True)
 
@@ -134,7 +140,7 @@ def stop(options: argparse.Namespace) -> int:
 
 def stop_all(clients: list[Client], by: str, target: str | None) -> int:
     """Stop daemons, then print what they answered, then write it as JSON; return the exit status."""
-    answers = [(client.path.stem, _stopped(client, by)) for client in clients]  # all, before a disk or a pipe is used
+    answers = [(client.name, _stopped(client, by)) for client in clients]  # all, before a disk or a pipe is used
     status = max(_reported(name, answer, by, target) for name, answer in answers)
     try:
         for _, answer in answers:
@@ -180,7 +186,7 @@ DEAD_MAN_S = 5.0  # where the configuration does not say (rig.config.configurati
 
 
 def off_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("config", type=Path, nargs="?", help="configuration that names the controller (TOML)")
+    parser.add_argument("config", nargs="?", help="configuration that names the controller (TOML)")
     json_argument(parser)
 
 
@@ -218,11 +224,11 @@ def _off(options: argparse.Namespace) -> int:
     if holders:
         return stop_all(holders, "peltier off", options.json)
     if simulated:
-        return _nothing_on(held.port, options.config, [client.path.stem for client in others], options.json)
+        return _nothing_on(held.port, options.config, [client.name for client in others], options.json)
     return _switched_off(held, options.json)
 
 
-def _nothing_on(port: str, config: Path, others: list[str], target: str | None) -> int:
+def _nothing_on(port: str, config: str, others: list[str], target: str | None) -> int:
     """Report that nobody simulates this configuration's rig. others: daemons that run, of other configurations."""
     write_json(target, {"off": True, "confirmed": True, "took_s": 0.0})
     text = f"{port}: simulated, and no daemon serves {config}: nothing is on"
@@ -232,12 +238,15 @@ def _nothing_on(port: str, config: Path, others: list[str], target: str | None) 
     return 0
 
 
-def _controller(path: Path) -> Held:
+def _controller(config: str) -> Held:
     """Return what opens the controller, without the schema, which takes longer to load than the rest."""
+    from pathlib import Path
+
     from rig.config.toml_file import read_toml
     from rig.drivers.registry import beside
     from rig.guard.takeover import Held
 
+    path = Path(config)
     try:
         table = read_toml(path)["bench"]["controller"]
         driver, port = table["driver"], table["port"]
@@ -261,7 +270,7 @@ def _who(client: Client) -> dict[str, Any]:
         return {}
 
 
-def _serves(client: Client, config: Path) -> bool:
+def _serves(client: Client, config: str) -> bool:
     """Return True if a daemon was started with this file."""
     served = _who(client).get("configuration")
     return isinstance(served, str) and os.path.realpath(served) == os.path.realpath(config)

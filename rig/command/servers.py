@@ -53,7 +53,7 @@ def epics(options: argparse.Namespace) -> int:
 
     file = read_configuration(options.config, for_experiment=False)
     name = file.content.serve.name
-    serve(file, lambda: socket_of(name), lambda line: print(line, flush=True))
+    serve(file, lambda: Path(socket_of(name)), lambda line: print(line, flush=True))
 
 
 def overview_arguments(parser: argparse.ArgumentParser) -> None:

@@ -5,7 +5,6 @@ Refused here is what no schema could refuse: numbers of more than 64 bits, the c
 
 from __future__ import annotations
 
-import hashlib
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -134,6 +133,8 @@ def digest_named_files(tables: Any, folder: Path) -> dict[str, str]:
     Two configurations with the same words and another target.csv beside them differ. Files that a TOML file among them
     names are included.
     """
+    import hashlib  # brings OpenSSL, for which `peltier off CONFIG` need not wait
+
     found: dict[str, str] = {}
     seen: set[Path] = set()
     left = [("", text, folder) for text in _texts(tables)]

@@ -8,9 +8,11 @@ They speak the command line, and Python to whoever called it from there: `--colu
 from __future__ import annotations
 
 import re
-import shlex
-from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+
+TYPE_CHECKING = False  # import-light, for `peltier off`: no `typing`, no pattern that is compiled before it is needed
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
 
 KEYWORDS = {
     "first": "first_s",
@@ -21,8 +23,8 @@ KEYWORDS = {
 }
 CHOICES = ("cooled", "heated", "fitted", "current", "temperature")  # words that are an option's value, and no prose
 FLAGS = ("reversed", "branches")
-_OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)(: (?=[^:]*: )|:)?(?:[= ]?('(?:[^']|'\"'\"')*'|[^\s']\S*))?")
-_TWICE = re.compile(r'\b(\w+)=("[^"]*")((?: (?:and )?\1="[^"]*")+)')
+_OPTION = r"(?<![\w-])--([a-z][a-z-]*)(: (?=[^:]*: )|:)?(?:[= ]?('(?:[^']|'\"'\"')*'|[^\s']\S*))?"
+_TWICE = r'\b(\w+)=("[^"]*")((?: (?:and )?\1="[^"]*")+)'
 
 
 class Faults(Exception):
@@ -56,13 +58,15 @@ def python_words(text: str) -> str:
         values = re.findall(r'"[^"]*"', found.group(0))
         return f"{found.group(1)}=[{', '.join(values)}]"
 
-    return _TWICE.sub(listed, _OPTION.sub(keyword, text))
+    return re.sub(_TWICE, listed, re.sub(_OPTION, keyword, text))
 
 
 def _value(name: str, raw: str, named: bool) -> tuple[str | None, str]:
     """Return an option's value as Python has it, and what follows it; None where the next word is prose. named: it
     stands between colons, behind the option that is at fault."""
     if raw.startswith("'"):
+        import shlex
+
         return _quoted("".join(shlex.split(raw))), ""
     if name == "decimal" and raw in (",", "."):
         return _quoted(raw), ""

@@ -1,9 +1,4 @@
-"""Standard streams and terminals: a progress line, lines that nobody has to wait for, and readers that go away.
-
-A reader may stall (Ctrl-S, a `less` that waits) or go before a run does (`| head`, a `tee` that dies, a window that is
-closed), and a program may be begun without streams (`>&-`, some schedulers). None of this may cost an experiment, its
-rows or its exit status, or hold up somebody who has an output to switch off. Import-light.
-"""
+"""A progress line, and lines that nobody has to wait for: a reader may stall (Ctrl-S, a `less` that waits)."""
 
 from __future__ import annotations
 
@@ -11,11 +6,12 @@ import contextlib
 import math
 import os
 import queue
+import shutil
 import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Final, TextIO, cast
+from typing import TextIO
 
 REWRITTEN_S = 0.2  # on a terminal, at the soonest
 NEW_LINE_S = 60.0  # elsewhere: a log of an evening stays readable
@@ -39,8 +35,6 @@ class TerminalLine:
         if not self._terminal:
             print(text, file=self._stream, flush=True)
             return
-        import shutil  # 2 ms that `peltier stop` need not wait for
-
         text = text[: max(NARROWEST, shutil.get_terminal_size().columns - 1)]
         self._stream.write("\r" + text.ljust(self._length))
         self._stream.flush()
@@ -141,63 +135,3 @@ def _written(text: str) -> None:
     data = text.encode(errors="backslashreplace")
     while data:
         data = data[os.write(descriptor, data) :]
-
-
-STANDARD: Final = 3  # the descriptors 0, 1 and 2
-
-
-def open_standard_streams() -> None:
-    """Open closed standard streams on nothing. Call it before any file is opened: it would take their place."""
-    try:
-        while (descriptor := os.open(os.devnull, os.O_RDWR)) < STANDARD:
-            pass
-        os.close(descriptor)
-    except OSError:  # no such device here: nothing that could be done
-        return
-    for name, descriptor in (("stdout", 1), ("stderr", 2)):
-        if getattr(sys, name) is None:
-            setattr(sys, name, os.fdopen(descriptor, "w", encoding="utf-8", closefd=False))
-
-
-def outlive_readers() -> None:
-    """Send lines whose reader has gone to stderr, and from there nowhere, from now on; nothing is raised."""
-    sys.stdout = cast(TextIO, _Lasting(sys.stdout, 2))
-    sys.stderr = cast(TextIO, _Lasting(sys.stderr, None))
-
-
-class _Lasting:
-    """A stream that goes on as the descriptor `instead` (None: nowhere) once it cannot be written any more."""
-
-    def __init__(self, stream: TextIO, instead: int | None) -> None:
-        self._stream, self._instead = stream, instead
-
-    def write(self, text: str) -> int:
-        self._lasting(lambda: self._stream.write(text))
-        return len(text)
-
-    def flush(self) -> None:
-        self._lasting(self._stream.flush)
-
-    def _lasting(self, act: Any) -> None:
-        for elsewhere in (self._instead, None):
-            try:
-                act()
-                return
-            except (OSError, ValueError):
-                with contextlib.suppress(OSError, ValueError):
-                    _replace(self._stream.fileno(), elsewhere)
-        with contextlib.suppress(OSError, ValueError):
-            act()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-
-def _replace(descriptor: int, by: int | None) -> None:
-    """Let a descriptor write where another does; None: nowhere."""
-    if by is not None:
-        os.dup2(by, descriptor)
-        return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, descriptor)
-    os.close(nowhere)

@@ -1,7 +1,7 @@
 """Talk to a daemon: JSON over HTTP on its Unix socket, the interface of docs/bench_api.md.
 
-Import-light, because `peltier stop` waits for it: `http.client` brings ssl and email with it, which takes longer to
-load than an output to switch off.
+Import-light, because `peltier stop` waits for it: `http.client` brings ssl and email with it, `pathlib` urllib and
+ipaddress; either takes longer to load than an output to switch off.
 
 Where the socket is, so that `stop` finds it without reading a configuration:
 
@@ -18,17 +18,16 @@ import os
 import socket
 import sys
 import time
-from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from rig.core.errors import RigError
 from rig.core.faults import Faults
-from rig.core.file_writing import write_text
-from rig.core.requirements import has_unix_sockets
 
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
+    from pathlib import Path
+    from typing import Any
 
 CALIBRATION = "calibration"  # a kind of job
 CROWDED_S = 5.0  # for a place in the listener's queue, which moves within milliseconds
@@ -36,7 +35,7 @@ ANSWER_S = 15.0  # `stop` retries an instrument that does not answer for some se
 FAILED = 400  # HTTP: this status and those above are refusals
 NO_REASON = "the daemon refused without a reason"
 NONE_RUNS = "no daemon runs here (`peltier serve CONFIG` starts one)"
-SYSTEM = Path("/run/peltier")
+SYSTEM = "/run/peltier"
 
 
 class NoDaemon(RigError):
@@ -52,10 +51,11 @@ class Refusal(Faults):
 
 
 class Client:
-    """A connection to one daemon; `path` is its socket. Raises NoDaemon if none listens there."""
+    """A connection to one daemon; `path` is its socket, `name` its name. Raises NoDaemon if none listens there."""
 
-    def __init__(self, path: Path, timeout_s: float = ANSWER_S) -> None:
-        self.path = path
+    def __init__(self, path: str | Path, timeout_s: float = ANSWER_S) -> None:
+        self.path = os.fspath(path)
+        self.name = _name(self.path)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(timeout_s)
         try:
@@ -140,11 +140,11 @@ class Client:
         self.close()
 
 
-def _connect(end: socket.socket, path: Path, until_s: float) -> None:
+def _connect(end: socket.socket, path: str | Path, until_s: float) -> None:
     """Connect, again and again while the listener's queue is full. Raises OSError."""
     while True:
         try:
-            end.connect(str(path))
+            end.connect(os.fspath(path))
             return
         except BlockingIOError:
             if time.monotonic() >= until_s:
@@ -155,7 +155,7 @@ def _connect(end: socket.socket, path: Path, until_s: float) -> None:
 def daemons(timeout_s: float = ANSWER_S) -> list[Client]:
     """Return a connection to every daemon that listens."""
     found: list[Client] = []
-    for path in sockets() if has_unix_sockets() else []:
+    for path in sockets() if hasattr(socket, "AF_UNIX") else []:
         try:
             found.append(Client(path, timeout_s))
         except NoDaemon:
@@ -168,9 +168,9 @@ def daemons_called(name: str | None) -> list[Client]:
     found = daemons()
     if name is not None:
         for client in found:
-            if client.path.stem != name:
+            if client.name != name:
                 client.close()
-        found = [client for client in found if client.path.stem == name]
+        found = [client for client in found if client.name == name]
     if not found:
         raise NoDaemon(NONE_RUNS if name is None else f"no daemon called {name!r} runs here")
     return found
@@ -182,14 +182,19 @@ def one_daemon(name: str | None) -> Client:
     if len(found) > 1:
         for client in found:
             client.close()
-        raise Faults([f"--bench: missing; expected one of {', '.join(client.path.stem for client in found)}"])
+        raise Faults([f"--bench: missing; expected one of {', '.join(client.name for client in found)}"])
     return found[0]
 
 
-def _folders() -> list[Path]:
+def _name(path: str) -> str:
+    """Return the name of the daemon with this socket."""
+    return os.path.splitext(os.path.basename(path))[0]
+
+
+def _folders() -> list[str]:
     own = os.environ.get("XDG_RUNTIME_DIR")
-    fallback = Path(os.environ.get("TMPDIR", "/tmp")) / f"peltier-{_user()}"
-    return ([Path(own) / "peltier"] if own else []) + [SYSTEM, fallback]
+    fallback = os.path.join(os.environ.get("TMPDIR", "/tmp"), f"peltier-{_user()}")
+    return ([os.path.join(own, "peltier")] if own else []) + [SYSTEM, fallback]
 
 
 def _user() -> int:
@@ -201,34 +206,37 @@ def socket_to_bind(name: str) -> Path:
 
     Raises PermissionError if the folder belongs to another user.
     """
+    from pathlib import Path
+
     given = os.environ.get("PELTIER_SOCKET")
     if given:
         return Path(given)
     runtime = os.environ.get("RUNTIME_DIRECTORY")  # systemd's
-    folder = Path(runtime.split(":")[0]) if runtime else next(f for f in _folders() if f != SYSTEM)
+    folder = Path(runtime.split(":")[0] if runtime else next(f for f in _folders() if f != SYSTEM))
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if hasattr(os, "getuid") and folder.stat().st_uid != os.getuid():
         raise PermissionError(f"{folder} belongs to another user; set PELTIER_SOCKET or XDG_RUNTIME_DIR")
     return folder / f"{name}.sock"
 
 
-def socket_of(name: str) -> Path:
+def socket_of(name: str) -> str:
     """Return the socket at which the daemon of a name listens, or would."""
     given = os.environ.get("PELTIER_SOCKET")
     if given:
-        return Path(given)
-    return next((path for path in sockets() if path.stem == name), _folders()[0] / f"{name}.sock")
+        return given
+    return next((path for path in sockets() if _name(path) == name), os.path.join(_folders()[0], f"{name}.sock"))
 
 
-def sockets() -> list[Path]:
+def sockets() -> list[str]:
     """Return the sockets of daemons, the user's own first."""
     given = os.environ.get("PELTIER_SOCKET")
     if given:
-        return [Path(given)]
+        return [given]
     found = []
     for folder in _folders():
         try:
-            found += sorted(p for p in folder.glob("*.sock") if p.stat().st_uid in (_user(), 0) or folder == SYSTEM)
+            paths = sorted(os.path.join(folder, file) for file in os.listdir(folder) if file.endswith(".sock"))
+            found += [path for path in paths if folder == SYSTEM or os.stat(path).st_uid in (_user(), 0)]
         except OSError:  # not there, or not readable for this user
             continue
     return found
@@ -255,6 +263,10 @@ def write_json(target: str | None, value: Any) -> None:
         sys.stdout.write(text)
         sys.stdout.flush()
     else:
+        from pathlib import Path
+
+        from rig.core.file_writing import write_text
+
         write_text(Path(target), text)
 
 

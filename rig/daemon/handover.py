@@ -133,7 +133,7 @@ def _followed(verb: str, client: Client, events_of: Client, config: Path, out: P
             return _not_confirmed(verb, f"{error}, which may have begun the job; {_make_sure(config)}")
         try:
             signals.expose()
-            text = f"handed over to the daemon {client.path.stem}, which holds the ports, as job {job['id']}"
+            text = f"handed over to the daemon {client.name}, which holds the ports, as job {job['id']}"
             print(text, file=stream, flush=True)
             job = _until_it_ends(events, job, stream, progress)
         except Stopped as stopped:

@@ -14,7 +14,6 @@ controller's dead man. `peltier off` ends it and tries itself. Without fork ther
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import signal
 import sys
@@ -175,7 +174,9 @@ def _detach() -> None:
         os.dup2(nothing, descriptor)
     os.closerange(3, 1024)
     if sys.platform == "linux":
-        with contextlib.suppress(OSError, AttributeError):
+        with contextlib.suppress(OSError, AttributeError, ImportError):
+            import ctypes  # the guard has it already
+
             ctypes.CDLL(None).prctl(PR_SET_NAME, STILL_TRYING.encode(), 0, 0, 0)
 
 

@@ -295,7 +295,7 @@ def test_the_unit_for_systemd_says_what_the_daemon_does(root: Path) -> None:
     program, verb, configuration = service["ExecStart"].split()
     assert (verb, service["ExecStopPost"]) == ("serve", f"{program} off {configuration}")
     assert service["SuccessExitStatus"] == str(128 + 15)
-    assert Path("/run", service["RuntimeDirectory"]) == SYSTEM
+    assert Path("/run", service["RuntimeDirectory"]) == Path(SYSTEM)
     assert Path("/var/lib", service["StateDirectory"]) == Path(service["WorkingDirectory"])
     assert float(service["TimeoutStopSec"]) > JOB_ENDS_S
     assert unit["Install"]["WantedBy"] == "multi-user.target"

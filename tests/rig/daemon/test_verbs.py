@@ -252,8 +252,9 @@ def test_sigterm_ends_it_with_the_output_off(ending: Daemon) -> None:
 @pytest.mark.parametrize("words", [["stop"], ["off"], ["status"], ["reset", "--reason", "x"]])
 def test_verbs_that_must_not_wait_import_little(tmp_path: Path, words: list[str]) -> None:
     code = (
-        f"import sys, rig.__main__ as m; m.main({words!r});"
+        f"import sys; before = set(sys.modules); import rig.__main__ as m; m.main({words!r});"
         "heavy = {'numpy', 'rich', 'pydantic', 'serial', 'starlette', 'asyncio', 'sqlite3'} & set(sys.modules);"
+        "heavy |= {'typing', 'pathlib', 'inspect', 'shutil', 'threading'} & set(sys.modules) - before;"
         "sys.exit(', '.join(sorted(heavy)) or 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment(tmp_path))
