@@ -81,6 +81,7 @@ class _Held:
     def __init__(self, daemon: _Daemon) -> None:
         self._daemon = daemon
         self.path = daemon.path
+        self.name = daemon.path.stem
 
     def __enter__(self) -> Any:
         return self
