@@ -181,6 +181,7 @@ def number(value: float, width: float = 0.0) -> str:
 
 
 def quantity(name: str, value: float) -> str:
+    """Return a parameter's value with its unit, for people."""
     what, unit = split_unit(name)
     shown = f"{value:.3g}"
     if "e+" in shown and abs(value) < 1e7:  # 287,000 ohm

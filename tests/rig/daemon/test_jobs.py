@@ -247,7 +247,7 @@ def test_a_job_that_is_ended_without_its_thread_leaves_the_bench_to_the_idle_loo
     bench.until_phase("profile")
     running_now = bench.supervisor._running
     assert running_now is not None
-    running_now.job.abandon(Disconnected("gone"), off_confirmed=False)
+    running_now.abandon(Disconnected("gone"), off_confirmed=False)
     assert table(bench, number)["state"] == "failed"
     assert bench.state()["trip"]["cause"] == "disconnected"
     until(lambda: (bench.state()["output"], bench.state()["output_confirmed"]) == ("off", True), "the idle loop's off")

@@ -228,7 +228,7 @@ def test_a_bench_process_that_is_killed_leaves_the_output_off(ending: Daemon, pe
     status, out, _ = peltier("off", ending.path)  # and with no daemon the port is opened
     assert status == 0
     assert "output off, confirmed by the controller" in out
-    assert "expected CONFIG" in peltier.fails("off")
+    assert "name the CONFIG" in peltier.fails("off")
 
 
 def test_sigterm_ends_it_with_the_output_off(ending: Daemon) -> None:

@@ -234,7 +234,7 @@ def test_off_is_not_confirmed_if_a_switch_reads_on(armed: Any, emulator: Any, cl
     elif case.driver == "srs_ldc500":
         emulator.switch = lambda on: None
     elif case.driver == "lakeshore":
-        emulator.changed = lambda output: setattr(output, "range", 3)
+        emulator.changed = lambda: emulator.values.update({("RANGE", number): (3,) for number in emulator.outputs})
     else:
         emulator._heat = lambda number, percent: None
     assert armed.off() is False
@@ -252,7 +252,7 @@ def test_off_is_not_confirmed_if_a_current_is_shown(armed: Any, emulator: Any, c
     if case.driver == "srs_ldc500":
         emulator.drive, emulator.output_A = (lambda: None), 1.0
     elif case.driver == "lakeshore":
-        emulator.changed = lambda output: setattr(output, "percent", 50.0)
+        emulator.changed = lambda: [setattr(output, "percent", 50.0) for output in emulator.outputs.values()]
     else:
         pytest.skip("it measures no current")
     assert armed.off() is False
