@@ -80,9 +80,16 @@ class Search:
         """Evidence of the film's form, less the price of the effects."""
         return evidence_of_film(fit) - self.cost_of(fit, fit.effects)
 
+    def sizeable(self, fit: Fit, effects: Sequence[Effect]) -> bool:
+        """Whether some of a fit's effects have sizes that mean something."""
+        values = fit.values()
+        return all(is_sizeable(e, list(values[e.name].values())) for e in effects if e.name not in self.assumed)
+
     def keep(self, fit: Fit) -> Fit:
-        """Put a fit into the table."""
+        """Put a fit into the table, if all sizes mean something."""
         key = frozenset(e.name for e in fit.effects)
+        if not self.sizeable(fit, fit.effects):
+            return fit
         if key not in self.table or self.table[key].log_likelihood < fit.log_likelihood:
             self.table[key] = fit
         return fit
@@ -158,8 +165,7 @@ class Search:
             again = first.joint.fit(found.at.x, tight, found.at.known_own, most=first.most)
             found = max(found, again, key=lambda f: f.log_likelihood)
         found = self.at_best_jump(found, found.effects)
-        values = found.values()[found.effects[-1].name]
-        return self.keep(found) if is_sizeable(found.effects[-1], list(values.values())) else None
+        return self.keep(found) if self.sizeable(found, found.effects[-1:]) else None
 
     @staticmethod
     def at_best_jump(fit: Fit, effects: Sequence[Effect]) -> Fit:
@@ -259,7 +265,7 @@ class Search:
         better = self.keep(remembered(found) if "output" in left else found)
         better = self.pruned(self.likelier_module(better) if found.effects[-1].before_film else better)
         went_again = better.effects == fit.effects and better.log_likelihood <= fit.log_likelihood + WORTH
-        return None if went_again else better
+        return None if went_again or not self.sizeable(better, better.effects) else better
 
     def enveloped(self, fit: Fit) -> Fit:
         """The fit with envelopes of another function, where something is left and that is likelier."""
