@@ -161,8 +161,8 @@ class Calibration:
         if not self.intended:
             return [notes[0], FAR_OFF_IN_A_RUN, *notes[1:]]
         text = f"The plate's model is off by {self.plate.rmse_K:.2g} K (RMS), as intended: in this simulated rig "
-        text += f"{' and '.join(self.intended)}, which the controller's model does not know. So its parameters are "
-        return [text + "wrong by more than their intervals.", *notes[1:]]
+        text += f"{' and '.join(self.intended)}, which the controller's model does not know. So its parameters may "
+        return [text + "be off by more than their intervals.", *notes[1:]]
 
 
 def heat_by_pulses(loop: Loop, configuration: Configuration) -> None:

@@ -78,7 +78,10 @@ def sentence(diagnosis: Diagnosis) -> str:
     elif diagnosis.verdict == "explained":
         text = f"Explained: {listed(names)}." + " The residual is noise." * is_noise(diagnosis)
     elif left:
-        text = f"no effect of the catalogue explains the residual ({left})"
+        tried = "the catalogue"
+        if any(warning.code == "out_of_time" for warning in diagnosis.warnings):
+            tried = "those that were tried in the time"
+        text = f"no effect of {tried} explains the residual ({left})"
         text = f"Partly unexplained: {listed(names)}; {text}." if names else f"Unexplained: {text}."
     else:
         text = f"Not confirmed: {listed(names)}."
