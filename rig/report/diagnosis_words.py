@@ -79,7 +79,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         text = f"Explained: {listed(names)}." + " The residual is noise." * is_noise(diagnosis)
     elif left:
         tried = "the catalogue"
-        if any(warning.code == "out_of_time" for warning in diagnosis.warnings):
+        if any(warning.code == CUT_SHORT for warning in diagnosis.warnings):
             tried = "those that were tried in the time"
         text = f"no effect of {tried} explains the residual ({left})"
         text = f"Partly unexplained: {listed(names)}; {text}." if names else f"Unexplained: {text}."
