@@ -166,11 +166,11 @@ class JobRun(Onlooker):
         not_off = end.exit_status == NotConfirmedOff.exit_status  # then nobody waits for a report
         if end.exit_status != 0 and not not_off:
             self._write_reports()
-        job.state, job.reason, job.exit_status = end.state, end.reason, end.exit_status
-        job.ended_s = commands.label_s()
         if end.state != "done":
             job.folder = part_of(job.out) if _is_folder(part_of(job.out)) else None
         job.report = report_of(job.id, str(job.folder) if job.folder is not None else None)
+        job.reason, job.exit_status = end.reason, end.exit_status
+        job.state, job.ended_s = end.state, commands.label_s()  # last: who asks meanwhile sees a whole end, or none
         commands.queue.keep(job)
         commands.job_changed(job)
         commands.wake.set()
