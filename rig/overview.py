@@ -40,8 +40,8 @@ from rig.config.schema import HostName, Table, validate
 from rig.config.toml_file import parsed_toml, read_text
 from rig.core.faults import fault
 from rig.daemon.announcer import sent_event
-from rig.daemon.child_processes import listening, why_not
 from rig.daemon.client import Refusal
+from rig.daemon.web_process import listening, why_not
 from rig.version import __version__
 from rig.web.page_server import (
     LONGEST_NAME,

@@ -31,9 +31,7 @@ from compensator.compiled import njit
 ENVELOPE_CODES: Final = {"linear": 0, "tanh": 1, "erf": 2, "arctan": 3}  # by which compiled loops know them
 ERF_SLOPE: Final = 2.0 / math.sqrt(math.pi)  # of erf at 0
 ARCTAN_SLOPE: Final = 2.0 / math.pi  # of (2/pi) atan at 0
-WINITZKI: Final = (
-    0.147  # of his formula for the inverse of erf (2008), within 2e-3 of it: Newton's method does the rest
-)
+WINITZKI: Final = 0.147  # of S. Winitzki's formula (2008) for the inverse of erf, within 2e-3: Newton does the rest
 ROUNDS: Final = 4  # of Newton's method: to the last digits
 MEMORYLESS_CODES: Final = {  # the same of D
     "none": 0,

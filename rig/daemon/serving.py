@@ -11,13 +11,14 @@ from rig.core.errors import PortHeld, RigError
 from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff
 from rig.core.streams import PatientLines
-from rig.daemon.child_processes import Nightly, WebProcess, stop_listener, why_not
 from rig.daemon.client import socket_to_bind
 from rig.daemon.command_queue import CommandQueue
 from rig.daemon.configurations import history_folder
 from rig.daemon.http_server import Requests, UnixServer
+from rig.daemon.nightly import Nightly
 from rig.daemon.supervisor import Supervisor
 from rig.daemon.systemd import Notifier, SignalStopWithNotice, watchdog_s
+from rig.daemon.web_process import WebProcess, stop_listener, why_not
 from rig.drivers.registry import controller_class
 from rig.guard.pipe import Guard
 from rig.history.store import FolderLock

@@ -8,11 +8,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.special import erf
 
 from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
-from compensator.hysteresis.functions import envelope_values
 
 MEMORYLESS = ("none", "tanh", "sin", "cos", "linear", "polynomial", "arrhenius")
+PLAIN = {"tanh": np.tanh, "erf": erf, "arctan": lambda s: np.arctan(s) / (0.5 * math.pi), "linear": lambda s: s}
 Rng = np.random.Generator
 TEN_OPERATORS = FilmModel(  # 0.8 of hysteresis about 60 degC, of a film that bends little besides
     np.arange(1, 11) / 11.0,
@@ -84,7 +85,7 @@ def monotone_model(rng: Rng) -> FilmModel:
     function = str(rng.choice(["tanh", "tanh", "erf", "arctan"]))
     rising, falling = (replace(tanh_envelope(rng), function=function) for _ in range(2))
     v = np.linspace(-60.0, 210.0, 20001)
-    gap = envelope_values(np.array(rising.row()), v) - envelope_values(np.array(falling.row()), v)
+    gap = plain_envelope(rising, v) - plain_envelope(falling, v)
     least = max(0.5 * float(gap.max()), 0.0) + 1e-6
     radii = np.sort(rng.uniform(least, max(least + 0.1, 1.0), count))
     return FilmModel(radii, rng.uniform(0.0, 0.3, count), rising, falling, increasing(rng))
@@ -168,15 +169,9 @@ def plain_outputs(model: FilmModel, inputs: np.ndarray, memory: Memory) -> np.nd
     return np.array(outputs)
 
 
-def plain_envelope(envelope: Envelope, v: float) -> float:
-    """gamma(v), written from eqs (28), (29)."""
-    s = envelope.a * v + envelope.b
-    match envelope.function:
-        case "linear":
-            return s
-        case "arctan":
-            return math.atan(s) / (0.5 * math.pi)
-    return float(getattr(math, envelope.function)(s))
+def plain_envelope(envelope: Envelope, v: Any) -> Any:
+    """gamma(v) of a temperature or of many, written from eqs (28), (29)."""
+    return PLAIN[envelope.function](envelope.a * v + envelope.b)
 
 
 def plain_memoryless(d: Memoryless, v: float) -> float:

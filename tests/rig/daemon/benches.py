@@ -16,12 +16,12 @@ from urllib.parse import urlsplit
 
 from rig.config.configuration import read_configuration
 from rig.core.outcome import Outcome, Stopped
-from rig.daemon.child_processes import listening
 from rig.daemon.command_queue import CommandQueue
 from rig.daemon.http_server import Requests, UnixServer
 from rig.daemon.serving import bench_of
 from rig.daemon.supervisor import Supervisor
 from rig.daemon.systemd import Notifier
+from rig.daemon.web_process import listening
 from rig.web.serving import serve
 from tests.rig.small import write_bench
 

@@ -7,7 +7,7 @@ import threading
 import time
 from pathlib import Path
 
-from rig.daemon.child_processes import Nightly
+from rig.daemon.nightly import Nightly
 
 TABLE = """rig,effect,parameter,named_in,of,since,change,before,after
 T,film_lag,tau_s,40,40,2026-09-26T20:00:00+00:00,value,1.99,3.16

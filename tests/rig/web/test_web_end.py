@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from rig.daemon.child_processes import WebProcess
+from rig.daemon.web_process import WebProcess
 from rig.overview import Overview, serve
 from rig.web.serving import serve_and_close, server_of
 

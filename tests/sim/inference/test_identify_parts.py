@@ -7,7 +7,6 @@ import pytest
 import scipy.optimize
 
 from compensator.hysteresis.film import Envelope
-from compensator.hysteresis.functions import envelope_values
 from sim.inference.covariance import block_sandwich
 from sim.inference.film.fit import merged
 from sim.inference.film.memoryless_forms import FORMS, Form
@@ -15,6 +14,7 @@ from sim.inference.joint.films import ENVELOPES
 from sim.inference.levenberg_marquardt import Linearized, descend
 from sim.inference.nnls import reduced, solve_triangle
 from sim.model.operator_outputs import radius_floor
+from tests.compensator.film_models import plain_envelope
 
 
 @pytest.mark.parametrize("function", ENVELOPES)
@@ -23,9 +23,9 @@ def test_the_smallest_radius_is_what_the_order_condition_needs(function: str) ->
     v = np.linspace(-300.0, 400.0, 700001)
     for _ in range(20):
         a, c = np.exp(rng.uniform(-3, 0, 2)), rng.uniform(50, 70, 2)
-        rising, falling = (Envelope(function, float(a[k]), float(-a[k] * c[k])).row() for k in range(2))
-        gap = envelope_values(np.array(rising), v) - envelope_values(np.array(falling), v)
-        floor = radius_floor(np.array([np.log(a[0]), c[0], np.log(a[1]), c[1]]), rising[0])
+        rising, falling = (Envelope(function, float(a[k]), float(-a[k] * c[k])) for k in range(2))
+        gap = plain_envelope(rising, v) - plain_envelope(falling, v)
+        floor = radius_floor(np.array([np.log(a[0]), c[0], np.log(a[1]), c[1]]), rising.row()[0])
         assert max(0.5 * gap.max(), 0.0) <= floor + 1e-9
         assert floor == pytest.approx(max(0.5 * gap.max(), 0.0), abs=1e-6)
 
